@@ -34,6 +34,7 @@ def linear_group(rng: np.random.Generator, bins: int, extra: np.ndarray, records
         begin_s=np.zeros(records),
         used=np.ones((records, 2 * bins + 2), bool),
         turns=np.full(records, np.nan),
+        harmonics=np.zeros((records, 0, 2, bins), complex),
         predicted=ones,
         likely=ones,
         motion=np.zeros((records, 2 * bins + 2)),

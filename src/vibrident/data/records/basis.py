@@ -79,6 +79,8 @@ def runs_of_true(flags: NDArray[np.bool_]) -> tuple[NDArray[np.int_], NDArray[np
 
 def extend_flags(flags: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
     """Return which samples have a flag at most ``reach`` samples away, shape (samples,)."""
+    if not flags.any():
+        return flags.copy()
     count = np.cumsum(np.pad(flags, (reach + 1, reach)))
     return count[2 * reach + 1 :] > count[: -2 * reach - 1]
 

@@ -33,10 +33,17 @@ class ChannelSamples:
         """Return the valid values in rising order, shape (valid samples,)."""
         return np.sort(self.values if self.all_valid else self.values[self.valid])
 
+    @property
+    def upside_down(self) -> ChannelSamples:
+        """Return the channel with all signs changed."""
+        inverted = ChannelSamples(-self.values, self.valid)
+        vars(inverted).update(ordered=-self.ordered[::-1], ties=self.ties)
+        return inverted
+
     @functools.cached_property
     def ties(self) -> int:
         """Return how many of the valid values have an equal among the others before them."""
-        gaps = np.diff(self.ordered)
+        gaps = self.ordered[1:] - self.ordered[:-1]
         return int(np.count_nonzero(gaps <= RELATIVE_EQUALITY * self.span))
 
     @property

@@ -100,13 +100,12 @@ def find_clipped(
         flags = valid & _at_full_scale(values, full_scale, smallest_step(values[valid]))
         signs = {float(np.sign(value)) for value in values[flags]}
         return extend_flags(flags, 1), sorted(sign * full_scale for sign in signs)
-    ordered = channel.ordered
-    step = functools.cache(lambda: grid_step(ordered, MAX_STEPS_IN_DIFFERENCE))
+    step = functools.cache(lambda: grid_step(channel.ordered, MAX_STEPS_IN_DIFFERENCE))
     clipped = []  # flags of the samples at each rail
-    for sign, falling in ((1.0, ordered[::-1]), (-1.0, -ordered)):
-        rail = _find_rail(sign * values, valid, falling, step)
+    for upright in (channel, channel.upside_down):
+        rail = _find_rail(upright, step)
         if rail is not None:
-            clipped.append(valid & (sign * values >= rail))
+            clipped.append(valid & (upright.values >= rail))
     if not clipped:
         return unclipped
     flags = np.any(clipped, axis=0)
@@ -127,30 +126,32 @@ def _at_full_scale(values: FloatArray, full_scale: float, step: float) -> BoolAr
     return (values >= top) | (values <= bottom)
 
 
-def _find_rail(
-    values: FloatArray, valid: BoolArray, falling: FloatArray, step_of_grid: Callable[[], float]
-) -> float | None:
+def _find_rail(channel: ChannelSamples, step_of_grid: Callable[[], float]) -> float | None:
     """Return the lowest value that counts as at the upper rail; None if there is no rail.
 
     Args:
-        values: the channel, upside down for its lower rail, shape (samples,).
-        valid: samples to look at, shape (samples,).
-        falling: the valid values in falling order.
-        step_of_grid: returns the step of the grid on which they lie, zero without one.
+        channel: upside down for its lower rail.
+        step_of_grid: returns the step of the grid on which its values lie, zero without one.
     """
-    span = float(falling[0] - falling[-1])
+    span = channel.span
     if span == 0.0:
         return None
-    rail = _find_rail_of_equal_values(values, valid, falling, RELATIVE_EQUALITY * span)
-    if rail is not None:
-        return rail
+    values = channel.values
+    valid = channel.valid
+    falling = channel.ordered[::-1]
+    if channel.ties:
+        rail = _find_rail_of_equal_values(values, valid, falling, RELATIVE_EQUALITY * span)
+        if rail is not None:
+            return rail
     step = step_of_grid()
     widths = span * 0.5 ** np.array(WIDTH_POWERS)
     if step > 0.0:
         widths = step * np.ceil(widths / step)
     limits = float(falling[0]) - widths + 0.5 * step
-    bin_ends = np.multiply.outer(widths, np.arange(BINS_BELOW + 1)) - limits[:, None]
-    counts = np.diff(np.searchsorted(-falling, bin_ends), axis=1, prepend=0).astype(float)
+    bin_ends = limits[:, None] - np.multiply.outer(widths, np.arange(-1, BINS_BELOW + 1))
+    bin_ends[:, 0] = np.inf
+    above = np.searchsorted(channel.ordered, bin_ends, side="right")
+    counts = (above[:, :-1] - above[:, 1:]).astype(float)
     for index in np.flatnonzero(_is_piled_up(counts, MIN_NOISY_SAMPLES)).tolist():
         limit = float(limits[index])
         width = float(widths[index])
@@ -246,11 +247,14 @@ def _is_piled_up(counts: FloatArray, min_count: int) -> BoolArray:
     """
     first = counts[..., 0]
     second = counts[..., 1]
+    is_full = (first >= min_count) & (first > MIN_FIRST_TO_SECOND * second)
+    if not is_full.any():
+        return is_full
     lower = np.mean(counts[..., 2:6], axis=-1)
     scatter = COUNT_DEVIATIONS * np.sqrt(np.maximum(second, 1.0))
     allowance = np.where(first < CERTAIN_COUNT_RATIO * min_count, scatter, 0.0)
     return (
-        (first >= min_count)
+        is_full
         & (first > MIN_FIRST_TO_SECOND * second + allowance)
         & (second <= MAX_SECOND_TO_LOWER * lower + 2.0)
     )

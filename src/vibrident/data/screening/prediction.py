@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.records.basis import extend_flags
@@ -15,6 +17,11 @@ ORDER = 16
 #: A prediction is fitted to at most MAX_BLOCKS blocks of BLOCK samples.
 MAX_BLOCKS = 16
 BLOCK_SAMPLES = 256
+#: Blocks of a series that are filtered at once.
+BLOCKS_AT_ONCE = 1 << 12
+#: Places of 2 ORDER + 1 taps, between 2 ORDER zeros on either side, in the matrix of a block and
+#: the next one.
+_PLACES_OF_TAPS = 2 * ORDER + np.arange(4 * ORDER)[:, None] - np.arange(2 * ORDER)
 #: Regularisation of a fit, relative to the trace of its normal matrix: rounding of float64.
 RIDGE = 1e-14
 #: Errors of noise alone seldom exceed this many standard deviations.
@@ -51,8 +58,36 @@ class LinearPrediction:
         Shape (samples,); zero where ``has_both_sides`` is False.
         """
         scale = self.deviation * float(np.linalg.norm(self.taps))
-        double = np.convolve(self.taps, self.taps[::-1]) / scale
-        return np.where(has_both_sides, np.convolve(series, double, mode="same"), 0.0)
+        errors = _filtered(series, np.convolve(self.taps, self.taps[::-1]) / scale)
+        np.copyto(errors, 0.0, where=~has_both_sides)
+        return errors
+
+
+def _filtered(series: FloatArray, taps: FloatArray) -> FloatArray:
+    """Return a series filtered by 2 ORDER + 1 symmetric taps, shape (samples,).
+
+    Blocks of 2 ORDER samples and those after them are multiplied by a matrix of the taps each.
+    """
+    length = 2 * ORDER
+    blocks = -(-series.size // length)
+    padded = np.zeros((blocks + 1, length))
+    padded.reshape(-1)[ORDER : ORDER + series.size] = series
+    matrix = np.concatenate([np.zeros(length), taps, np.zeros(length)])[_PLACES_OF_TAPS]
+    products = padded[:-1] @ matrix[:length]
+    for begin in range(0, blocks, BLOCKS_AT_ONCE):  # of a long record each copy counts
+        following = padded[1 + begin : 1 + begin + BLOCKS_AT_ONCE]
+        products[begin : begin + BLOCKS_AT_ONCE] += following @ matrix[length:]
+    return products.reshape(-1)[: series.size]
+
+
+@functools.lru_cache(maxsize=4)
+def _blocks(samples: int) -> NDArray[np.int_]:
+    """Return the samples of evenly spread blocks, each after ORDER others, shape (blocks, …)."""
+    count = samples - ORDER
+    if count <= BLOCK_SAMPLES * MAX_BLOCKS:
+        return np.arange(samples)[None]
+    begins = np.linspace(0, count - BLOCK_SAMPLES, MAX_BLOCKS).astype(int)
+    return begins[:, None] + np.arange(BLOCK_SAMPLES + ORDER)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +95,8 @@ class PredictionSamples:
     """Samples that a prediction is fitted to, with those before them, in blocks of a record.
 
     Attributes:
-        windows: each sample after its ORDER predecessors, shape (rows, ORDER + 1).
-        clean: rows to use, shape (rows,).
+        windows: each sample after its ORDER predecessors, shape (ORDER + 1, samples).
+        clean: samples to use, shape (samples,).
     """
 
     windows: FloatArray
@@ -75,25 +110,21 @@ class PredictionSamples:
             series: shape (samples,).
             has_past: which samples come after ORDER valid ones, shape (samples,).
         """
-        count = series.size - ORDER
-        blocks = MAX_BLOCKS if count > BLOCK_SAMPLES * MAX_BLOCKS else 1
-        begins = (
-            np.linspace(0, count - BLOCK_SAMPLES, blocks).astype(int)
-            if blocks > 1
-            else np.array([0])
-        )
-        index = begins[:, None] + np.arange((BLOCK_SAMPLES if blocks > 1 else count) + ORDER)
-        windows = sliding_window_view(series[index], ORDER + 1, axis=1)
-        return cls(windows.reshape(-1, ORDER + 1), has_past[index[:, ORDER:]].ravel())
+        index = _blocks(series.size)
+        length = index.shape[1] - ORDER
+        windows = sliding_window_view(series[index], length, axis=1).swapaxes(0, 1)
+        return cls(windows.reshape(ORDER + 1, -1), has_past[index[:, ORDER:]].ravel())
 
     def fit(self) -> LinearPrediction:
         """Return the prediction of least squares, forwards and backwards."""
-        windows = self.windows if self.clean.all() else self.windows[self.clean]
-        products = windows.T @ windows
+        windows = self.windows if self.clean.all() else self.windows[:, self.clean]
+        products = windows @ windows.T
         products = products + products[::-1, ::-1]
-        products += RIDGE * (np.trace(products) + len(windows)) * np.eye(ORDER + 1)
-        taps = np.append(-np.linalg.solve(products[:-1, :-1], products[:-1, -1]), 1.0)[::-1]
-        return LinearPrediction(taps, max(float(np.std(windows @ taps[::-1])), np.finfo(float).eps))
+        diagonal = products.reshape(-1)[:: ORDER + 2]
+        diagonal += RIDGE * (diagonal.sum() + windows.shape[1])
+        weights = np.append(-np.linalg.solve(products[:-1, :-1], products[:-1, -1]), 1.0)
+        deviation = float(np.std(weights @ windows))
+        return LinearPrediction(weights[::-1], max(deviation, np.finfo(float).eps))
 
     def without_worst(self, prediction: LinearPrediction) -> PredictionSamples:
         """Return the samples without those near large errors of a prediction.
@@ -101,7 +132,7 @@ class PredictionSamples:
         Returns all samples if more than half would go: half may lie at rest, which says nothing
         about the motion.
         """
-        size = np.abs(self.windows @ prediction.taps[::-1])
+        size = np.abs(prediction.taps[::-1] @ self.windows)
         usual = float(np.median(size[self.clean])) / MEDIAN_OF_NORMAL
         clean = self.clean & ~extend_flags(self.clean & (size > MAX_NOISE_SIGMA * usual), ORDER)
         return (

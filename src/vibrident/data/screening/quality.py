@@ -71,13 +71,11 @@ def screen(
     usable = []
     findings = []
     for record in records:
-        dead = _dead_reason(record)
-        if dead:
-            findings.append(
-                ScreeningFinding("dead_channel", f"{record.name}: {dead}; the record is left out.")
-            )
-            continue
         screening = _RecordScreening(record, units or {})
+        if dead := screening.dead_channel:
+            text = f"{record.name}: the {dead} channel never changes; the record is left out."
+            findings.append(ScreeningFinding("dead_channel", text))
+            continue
         screening.mask_spoilt_samples()
         record = screening.record
         spoilt = screening.findings
@@ -132,15 +130,6 @@ def _require_records(
     return tuple(records), tuple(findings)
 
 
-def _dead_reason(record: Record) -> str:
-    """Return the reason why the record holds no signal; empty if it holds one."""
-    for label, values, _ in _channels(record):
-        used = values if record.mask.all() else values[record.mask]
-        if used.size == 0 or np.ptp(used) == 0.0:
-            return f"the {label} channel never changes"
-    return ""
-
-
 def _is_too_broken(record: Record) -> bool:
     """Return whether losses leave too little of the reference to interpolate it.
 
@@ -181,6 +170,12 @@ class _RecordScreening:
         self._units = units
         self._samples: dict[str, ChannelSamples] = {}
 
+    @property
+    def dead_channel(self) -> str | None:
+        """Return the label of a channel that never changes, or None."""
+        channels = self._channel_samples().items()
+        return next((label for label, samples in channels if samples.span == 0.0), None)
+
     def mask_spoilt_samples(self) -> None:
         """Mask clipped, lost, copied and wild samples, and all but the longest unbroken part."""
         for label, _, full_scale in _channels(self.record):
@@ -203,7 +198,7 @@ class _RecordScreening:
         """Return the samples of each channel; sorted anew only where some were masked since."""
         for label, values, _ in _channels(self.record):
             samples = self._samples.get(label)
-            if samples is None or not np.array_equal(samples.valid, self.record.mask):
+            if samples is None or samples.valid is not self.record.mask:
                 self._samples[label] = ChannelSamples(values, self.record.mask)
         return self._samples
 
@@ -470,7 +465,7 @@ def _aliasing_findings(record: Record) -> list[ScreeningFinding]:
     lines = fft.rfft(values * window)
     power = np.square(lines.real) + np.square(lines.imag)
     # A shock at the ends has no power under the window.
-    total = max(float(power.sum()), 0.5 * float(np.sum(values**2)) * float(np.sum(window**2)))
+    total = max(float(power.sum()), 0.5 * float(values @ values) * float(window @ window))
     above = float(power[int(ALIAS_BAND * power.shape[0]) :].sum())
     if above <= MIN_ALIAS_POWER * total:
         return []

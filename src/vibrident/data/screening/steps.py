@@ -85,11 +85,12 @@ def grid_step(values: FloatArray, most_apart: int) -> float:
         values: in rising order, shape (samples,).
         most_apart: largest number of steps in the smallest difference of two values.
     """
-    gaps = np.diff(values)
+    gaps = values[1:] - values[:-1]
     apart = gaps > RELATIVE_EQUALITY * (values[-1] - values[0])
-    if not np.any(apart):
+    occurring = gaps if np.all(apart) else gaps[apart]
+    if not occurring.size:
         return 0.0
-    least = float(np.min(gaps, where=apart, initial=np.inf))
+    least = float(np.min(occurring))
     above = values[:: max(1, values.size // MAX_COMPARED_VALUES)] - values[0]
     multiples = candidates = np.arange(1.0, most_apart + 1.0)[:, None]
     for distances in (above[:: max(1, above.size // PRESCREENED_VALUES)] / least, above / least):
@@ -103,7 +104,7 @@ def grid_step(values: FloatArray, most_apart: int) -> float:
         ]
     if candidates.size:
         return least / float(candidates[0, 0])
-    if np.all(apart):
+    if occurring is gaps:
         return 0.0  # values that occur once each: the steps are too fine to tell
     return _step_of_rounded(
         above, float(np.mean(gaps[(gaps > 0.5 * least) & (gaps < 1.5 * least)])) / multiples

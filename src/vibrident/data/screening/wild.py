@@ -19,7 +19,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.data.records.basis import extend_flags, runs_of_true
+from vibrident.data.records.basis import distinct, extend_flags, runs_of_true
 from vibrident.data.screening.channel import ChannelSamples
 from vibrident.data.screening.prediction import (
     MAX_NOISE_SIGMA,
@@ -137,8 +137,9 @@ class PredictedChannel:
     @functools.cached_property
     def has_past(self) -> BoolArray:
         """Return which samples come after ORDER valid ones, shape (samples,)."""
-        bad = np.cumsum(np.concatenate([[0], ~self.valid]))
-        return np.concatenate([np.zeros(ORDER, dtype=bool), bad[ORDER + 1 :] == bad[: -ORDER - 1]])
+        half = ORDER // 2
+        has_past = ~extend_flags(~self.valid, half)[half : self.valid.size - half]
+        return np.concatenate([np.zeros(ORDER, dtype=bool), has_past])
 
     @functools.cached_property
     def has_both_sides(self) -> BoolArray:
@@ -148,7 +149,8 @@ class PredictedChannel:
     @functools.cached_property
     def is_readable(self) -> bool:
         """Return whether the channel has enough valid samples to judge."""
-        return bool(np.sum(self.has_both_sides) >= 8 * ORDER and np.any(self.series))
+        enough = np.count_nonzero(self.has_both_sides) >= 8 * ORDER
+        return bool(enough and self.series.any())
 
     @functools.cached_property
     def min_wild_size(self) -> float:
@@ -394,7 +396,7 @@ def find_breaks(reference: PredictedChannel, response: PredictedChannel) -> NDAr
                 and _is_break(response, strongest.first)
             ):
                 candidates.append(strongest.first)
-    breaks = np.unique(np.array(candidates, dtype=int))
+    breaks = distinct(np.array(candidates, dtype=int))
     distances = np.diff(breaks, prepend=-SIDE_SAMPLES, append=reference.valid.size + SIDE_SAMPLES)
     return breaks[(distances[:-1] >= SIDE_SAMPLES) & (distances[1:] >= SIDE_SAMPLES)]
 

@@ -7,6 +7,7 @@ import numpy as np
 from vibrident.data.records import BoolArray
 from vibrident.fit.bins.segments import shifted_lines
 from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.response.transform import power_of
 
 #: A tone is on a bin where it turns from sample to sample by less than this otherwise, in radians:
 #: there the sum of the geometric series is the number of its terms.
@@ -25,8 +26,10 @@ def wave_bins(exponents: ComplexArray, used: BoolArray, bins: int) -> ComplexArr
         waves = np.exp(exponents[:, None] * np.arange(used.size)) * used
         return np.asarray(np.fft.fft(waves, axis=1)[:, :bins])
     _ratio, remainder, on_bin = _series(exponents, used.size, bins)
-    total = -np.expm1(used.size * exponents)[:, None] / np.where(on_bin, 1.0, remainder)
-    return np.where(on_bin, float(used.size), total)
+    remainder[on_bin] = 1.0
+    total = -np.expm1(used.size * exponents)[:, None] / remainder
+    total[on_bin] = used.size
+    return total
 
 
 def motion_bins(
@@ -64,10 +67,11 @@ def _growing_bins(exponents: ComplexArray, used: BoolArray, bins: int) -> Comple
         waves = np.exp(exponents[:, None] * time) * (time / samples * used)
         return np.asarray(np.fft.fft(waves, axis=1)[:, :bins])
     ratio, remainder, on_bin = _series(exponents, samples, bins)
-    divisor = np.where(on_bin, 1.0, remainder)
+    remainder[on_bin] = 1.0
     last = np.exp(samples * exponents)[:, None]
-    total = (ratio * (1.0 - last) / (samples * divisor) - last) / divisor
-    return np.where(on_bin, 0.5 * (samples - 1.0), total)
+    total = (ratio * (1.0 - last) / (samples * remainder) - last) / remainder
+    total[on_bin] = 0.5 * (samples - 1.0)
+    return total
 
 
 def _series(
@@ -77,4 +81,4 @@ def _series(
     turns = np.conj(1.0 + shifted_lines(samples, slice(0, bins)))
     ratio = np.asarray(np.exp(exponents)[:, None] * turns, dtype=complex)
     remainder = np.asarray(1.0 - ratio, dtype=complex)
-    return ratio, remainder, np.abs(remainder) < MAX_BIN_ANGLE
+    return ratio, remainder, power_of(remainder) < MAX_BIN_ANGLE**2

@@ -215,23 +215,24 @@ class Shape(Departure):
         return 1.0
 
     def _shapes_of_signal(
-        self, group: WhitenedGroup, scale: Scale, signal: FloatArray
+        self, group: WhitenedGroup, scale: Scale, offset: FloatArray | float = 0.0
     ) -> list[tuple[str, FloatArray]]:
-        """Return the functions of a signal, each with its words.
+        """Return the functions of the signal and an offset, each with its words.
 
-        They have the scale of the group's own signal.
+        They have the scale of the signal itself.
         """
-        largest = np.max(np.abs(self.signal(group, scale)), axis=1, keepdims=True, initial=0.0)
-        return list(self.shapes(signal, scale, largest))
+        signal = self.signal(group, scale)
+        largest = np.max(np.abs(signal), axis=1, keepdims=True, initial=0.0)
+        return list(self.shapes(signal + offset, scale, largest))
 
     def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
         """Yield the functions by their bins."""
-        for words, shape in self._shapes_of_signal(group, scale, self.signal(group, scale)):
+        for words, shape in self._shapes_of_signal(group, scale):
             yield words, self._columns_of_shape(shape, group, scale)
 
     def columns_of(self, candidate: Candidate, group: WhitenedGroup, scale: Scale) -> ComplexArray:
         """Return one function by its bins."""
-        _, shape = self._shapes_of_signal(group, scale, self.signal(group, scale))[candidate.number]
+        _, shape = self._shapes_of_signal(group, scale)[candidate.number]
         return self._columns_of_shape(shape, group, scale)
 
     def _columns_of_shape(
@@ -248,7 +249,6 @@ class Shape(Departure):
         η) η] |W|² of the bins, by the two nodes y ± σ of Gauss and Hermite's quadrature.
         """
         samples = group.samples
-        signal = self.signal(group, scale)
         noise = np.divide(
             2.0, samples * group.gain**2, out=np.zeros_like(group.gain), where=group.gain > 0.0
         )
@@ -259,12 +259,10 @@ class Shape(Departure):
         sigma = np.sqrt(2.0 * np.sum(power, axis=1) / samples)
         covariance = 2.0 / samples * np.sum(doubt * np.real(answer * gain), axis=1)
         shapes_at_nodes = [
-            self._shapes_of_signal(group, scale, signal + sign * sigma[:, None])[candidate.number][
-                1
-            ]
+            self._shapes_of_signal(group, scale, sign * sigma[:, None])[candidate.number][1]
             for sign in (1, -1)
         ]
-        step = samples // signal.shape[1]
+        step = samples // group.motion.shape[1]
         slope = np.divide(-0.5 * covariance, sigma, out=np.zeros_like(sigma), where=sigma > 0.0)
         products = (
             slope

@@ -48,6 +48,8 @@ class WhitenedGroup:
         begin_s: time of the first sample, shape (R,).
         used: samples that count, shape (R, n).
         turns: of a sine from sample to sample, NaN for other motion, shape (R,).
+        harmonics: cosine and sine of the harmonics of each tone, shape (R, orders, 2, K); no orders
+            where one of the records is of other motion.
         predicted: response to the reference as it was recorded, shape (R, K).
         likely: response to the most likely motion that recurs with the record, shape (R, K).
         motion: response to the most likely motion in time, free motion included, shape (R, L).
@@ -72,6 +74,7 @@ class WhitenedGroup:
     begin_s: FloatArray
     used: BoolArray
     turns: FloatArray
+    harmonics: ComplexArray
     predicted: ComplexArray
     likely: ComplexArray
     motion: FloatArray
@@ -158,24 +161,6 @@ class WhitenedGroup:
         """
         return np.stack([self.likely, 1j * self.radians * self.likely], axis=1)
 
-    @property
-    def harmonics(self) -> ComplexArray:
-        """Return cosine and sine of the harmonics of each record's tone, shape (R, orders, 2, K).
-
-        They are as its fit has them. Those above the band that samples tell, and of other motion,
-        are zero.
-        """
-        turns = self.turns[:, None] * np.arange(2, HARMONICS + 1)
-        step = np.where(turns < USABLE_BAND, 2.0 * np.pi * turns, 0.0)
-        exponents = 1j * np.concatenate([step, -step], axis=1)
-        both = [
-            wave_bins(of_record, used, self.bins + 1)[:, 1:]
-            for of_record, used in zip(exponents, self.used, strict=True)
-        ]
-        ahead, behind = np.split(np.stack(both), 2, axis=1)
-        waves = np.stack([ahead + behind, (ahead - behind) / 1j], axis=2)
-        return 0.5 * waves * (turns < USABLE_BAND)[:, :, None, None]
-
     def whiten(self, columns: ComplexArray, out: FloatArray | None = None) -> FloatArray:
         """Return columns by bins, shape (R or 1, m, K), as whitened rows, shape (R, m, 2 K).
 
@@ -214,9 +199,14 @@ class WhitenedGroup:
         return np.ascontiguousarray(bins).view(float)
 
     @functools.cached_property
+    def comparison_in_time(self) -> FloatArray:
+        """Return all rows that columns are compared with in time, shape (R, …, length)."""
+        return self.whitened_in_time(self.comparison_rows)
+
+    @functools.cached_property
     def levels(self) -> FloatArray:
         """Return the power of the noise over its mean in stretches, shape (R, stretches)."""
-        squares = self.whitened_in_time(self.residual_beside_tone) ** 2
+        squares = self.comparison_in_time[:, self.nuisance_rows.shape[1]] ** 2
         place = np.arange(self.length) * self.samples // self.length
         used = np.asarray(self.used[:, place], dtype=float)
         stretches = int(np.clip(np.min(used.sum(axis=1)) // MIN_STRETCH_SAMPLES, 1, MAX_STRETCHES))
@@ -313,7 +303,7 @@ class WhitenedGroup:
             common[..., -1] = doubt
         sums = self.sums(rows[:, None]).at((slice(None), 0))
         spread = weighted_signals @ signals.mT
-        cross_spread = weighted_signals @ self._jacobian_in_time.mT
+        cross_spread = weighted_signals @ self.jacobian_in_time.mT
         return ExactSums(
             **vars(sums), spread=spread, cross_spread=cross_spread, common=common, steps=self.steps
         )
@@ -331,9 +321,10 @@ class WhitenedGroup:
         return powers[0] + MIN_RELATIVE_DEVIATION**2 * powers[1]
 
     @functools.cached_property
-    def _jacobian_in_time(self) -> FloatArray:
+    def jacobian_in_time(self) -> FloatArray:
         """Return the whitened Jacobian in time, shape (R, P, length)."""
-        return self.whitened_in_time(self.jacobian)
+        first = self.nuisance_rows.shape[1] + 1
+        return self.comparison_in_time[:, first : first + self.jacobian.shape[1]]
 
     @functools.cached_property
     def information(self) -> RecordInformation:
@@ -359,7 +350,7 @@ class WhitenedGroup:
 
         Their shapes are (R, P, P) and (R, P, E).
         """
-        signals = self._jacobian_in_time
+        signals = self.jacobian_in_time
         return (signals * self.profile[:, None]) @ signals.mT, self.jacobian @ self.errors.rows.mT
 
     def subset(self, numbers: Sequence[int]) -> WhitenedGroup:
@@ -389,3 +380,25 @@ class WhitenedGroup:
             tone=None if self.tone is None else without(self.tone, added),
             freedom=self.freedom - rank_of(added),
         )
+
+
+def harmonics_of(turns: FloatArray, used: BoolArray, bins: int) -> ComplexArray:
+    """Return cosine and sine of the harmonics of tones, shape (R, orders, 2, bins).
+
+    They are as the fits of the tones have them; those above the band that samples tell are zero.
+
+    Args:
+        turns: of the tones from sample to sample, shape (R,).
+        used: samples that count, shape (R, n).
+        bins: number of bins, from 1 on.
+    """
+    turns = turns[:, None] * np.arange(2, HARMONICS + 1)
+    step = np.where(turns < USABLE_BAND, 2.0 * np.pi * turns, 0.0)
+    exponents = 1j * np.concatenate([step, -step], axis=1)
+    both = [
+        wave_bins(of_record, used_of_record, bins + 1)[:, 1:]
+        for of_record, used_of_record in zip(exponents, used, strict=True)
+    ]
+    ahead, behind = np.split(np.stack(both), 2, axis=1)
+    waves = np.stack([ahead + behind, (ahead - behind) / 1j], axis=2)
+    return 0.5 * waves * (turns < USABLE_BAND)[:, :, None, None]

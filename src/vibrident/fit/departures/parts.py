@@ -161,6 +161,8 @@ def _parts_of_sines(
         tones.relative_deviation,
     )
     inverse = inverse_normal(linear.matrix.T @ linear.matrix)
+    # Records of one length without gaps have the same nuisance parameters.
+    nuisances = dict[tuple[object, ...], ComplexArray]()
     for place, index in enumerate(evidence.tones.record.tolist()):
         record = evidence.records[index]
         series = predicted[index]
@@ -179,6 +181,11 @@ def _parts_of_sines(
             residual = np.where(used, record.response[span] - series[span], 0.0)
             wave = motion_bins(_exponents([turns]), used, bins, growing=False)
             residual_bins, motion_at_bins = _bins_of((residual, motion), bins)
+            alike = record.sampling_rate_hz, record.hum_hz, bins, used.tobytes()
+            if alike not in nuisances:
+                nuisances[alike] = _nuisance_bins(
+                    evidence, estimate, record, used, bins, rings=False
+                )
             yield Part(
                 record,
                 span,
@@ -187,7 +194,7 @@ def _parts_of_sines(
                 motion_at_bins,
                 motion,
                 np.array([[cosine, sine], [sine, -cosine]]) @ wave,
-                _nuisance_bins(evidence, estimate, record, used, bins, rings=False),
+                nuisances[alike],
                 pull,
                 turns,
             )

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy import fft
 
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.fit.departures.group import WhitenedGroup
+from vibrident.fit.departures.group import WhitenedGroup, harmonics_of
 from vibrident.fit.departures.rows import orthonormal, rank_of, without
 from vibrident.fit.departures.signals import BAND_OVER_HIGHEST, Signals, most_likely
 from vibrident.fit.departures.sums import Errors
@@ -112,12 +111,19 @@ def group_of(
     likely = stack.likely_motion(signals, noise[:, 0], bins_used)
     slopes = np.stack([member.jacobian[:, bins_used] for member in signals])
     pull = _pull_of(signals)
+    used = np.stack([member.used for member in signals])
+    turns = np.array([np.nan if member.turns is None else member.turns for member in signals])
+    harmonics = np.zeros((len(signals), 0, 2, bins), dtype=complex)
+    if not np.isnan(turns).any():
+        harmonics = harmonics_of(turns, used, bins)
     tone = None
     if pull is None:
         jacobian = without(stack.whiten(slopes * (likely != 0.0)[:, None]), basis)
     else:  # the points of the sine hold what its tone says
         jacobian = np.zeros((len(signals), pull.shape[1], 2 * bins))
-        tone = without(stack.whiten(slopes), basis)
+        harmonic_rows = stack.whiten(harmonics.reshape(len(signals), -1, bins))
+        harmonic_rows = orthonormal(without(harmonic_rows, basis))
+        tone = without(without(stack.whiten(slopes), basis), harmonic_rows)
     counts = np.array(
         [np.sum(member.one_sided[bins_used]) * member.used.mean() for member in signals]
     )
@@ -133,14 +139,15 @@ def group_of(
         ]
         return group_of(signals_beside, numbers, effects_of, columns)
 
-    group = WhitenedGroup(
+    return WhitenedGroup(
         records=tuple(member.record for member in signals),
         numbers=np.array(numbers),
         begin_s=np.array(
             [member.span.start / member.record.sampling_rate_hz for member in signals]
         ),
-        used=np.stack([member.used for member in signals]),
-        turns=np.array([np.nan if member.turns is None else member.turns for member in signals]),
+        used=used,
+        turns=turns,
+        harmonics=harmonics,
         predicted=stack.predicted,
         likely=likely,
         motion=_motion_in_time(signals, likely, bins_used.stop),
@@ -156,11 +163,6 @@ def group_of(
         errors_of=errors_of,
         again=again,
     )
-    if tone is None:
-        return group
-    harmonics = group.harmonics.reshape(len(signals), -1, bins)
-    harmonics = orthonormal(without(stack.whiten(harmonics), basis))
-    return replace(group, tone=without(tone, harmonics))
 
 
 def _pull_of(signals: Sequence[Signals]) -> FloatArray | None:

@@ -10,13 +10,13 @@ and leaks little (prewhitening; Jenkins & Watts, Spectral Analysis, 1968, sec. 8
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy import fft
 
 from vibrident.base.fft_lengths import fast_below
-from vibrident.data.records import FloatArray, Record
+from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.response.response import MIN_RELATIVE_DEVIATION
 from vibrident.fit.response.transform import about_mean, power_of, transforms
 
@@ -37,28 +37,63 @@ BLOCK_SAMPLES = 1 << 18
 TINY = float(np.finfo(float).tiny)
 
 
-def whitened(record: Record) -> Record | None:
-    """Return the record with both channels filtered, or None where too few samples are valid.
+@dataclass(frozen=True, eq=False)
+class Channels:
+    """Both channels of a record, and which of their samples are used, each of shape (samples,).
 
-    The filter takes ORDER samples from its length.
+    Attributes:
+        reference: as measured, or filtered.
+        response: likewise.
+        used: samples that are used.
+        reference_used: samples of the reference that are used as input.
+        rate_hz: sampling rate.
+        is_shock: whether the motion is a shock.
     """
-    assert record.reference is not None
-    used = record.mask & record.reference_mask
-    if used.sum() < MIN_SAMPLES_PER_COEFFICIENT * ORDER:
+
+    reference: FloatArray
+    response: FloatArray
+    used: BoolArray
+    reference_used: BoolArray
+    rate_hz: float
+    is_shock: bool
+
+    @classmethod
+    def from_record(cls, record: Record) -> Channels:
+        """Return the channels of a record with a reference."""
+        assert record.reference is not None
+        is_shock = record.excitation == "shock"
+        masks = record.mask, record.reference_mask
+        return cls(record.reference, record.response, *masks, record.sampling_rate_hz, is_shock)
+
+    @property
+    def samples(self) -> int:
+        """Return the number of samples."""
+        return self.used.size
+
+    def changed(self, reference: FloatArray, response: FloatArray, used: BoolArray) -> Channels:
+        """Return other samples of the same motion."""
+        return replace(self, reference=reference, response=response, used=used, reference_used=used)
+
+
+def whitened(channels: Channels) -> Channels | None:
+    """Return both channels filtered, or None where too few samples are valid.
+
+    The filter takes ORDER samples from their length.
+    """
+    used = channels.used & channels.reference_used
+    if np.count_nonzero(used) < MIN_SAMPLES_PER_COEFFICIENT * ORDER:
         return None
-    response = about_mean(record.response, used)
-    reference = about_mean(record.reference, used)
+    response = about_mean(channels.response, used)
+    reference = about_mean(channels.reference, used)
     coefficients = prediction_error(response)
-    valid = np.convolve(~used, np.ones(ORDER + 1))[ORDER : record.samples] < 0.5
-    if valid.sum() < MIN_SAMPLES_PER_COEFFICIENT * ORDER:
+    valid = np.convolve(~used, np.ones(ORDER + 1))[ORDER : channels.samples] < 0.5
+    if np.count_nonzero(valid) < MIN_SAMPLES_PER_COEFFICIENT * ORDER:
         return None
     selection = slice(0, fast_below(valid.size))
     reference, response = (
         np.convolve(v, coefficients, mode="valid")[selection] for v in (reference, response)
     )
-    return replace(
-        record, reference=reference, response=response, valid=valid[selection], reference_valid=None
-    )
+    return channels.changed(reference, response, valid[selection])
 
 
 def prediction_error(values: FloatArray) -> FloatArray:
@@ -84,7 +119,7 @@ def prediction_error(values: FloatArray) -> FloatArray:
     )
 
 
-def bulk_delay(records: Iterable[Record | None], samples: int) -> int:
+def bulk_delay(records: Iterable[Channels | None], samples: int) -> int:
     """Return by how many samples the responses of all records together are late.
 
     It is the peak of their impulse response; 0 where it is too small to matter, as the phase then
@@ -99,13 +134,12 @@ def bulk_delay(records: Iterable[Record | None], samples: int) -> int:
     cross = np.zeros(size // 2 + 1, complex)
     power = np.zeros(size // 2 + 1)
     for record in records:
-        if record is None or not record.mask.any() or not record.reference_mask.any():
+        if record is None or not record.used.any() or not record.reference_used.any():
             continue
-        assert record.reference is not None
-        channels = (record.reference, record.reference_mask), (record.response, record.mask)
+        channels = (record.reference, record.reference_used), (record.response, record.used)
         series = [about_mean(*channel) for channel in channels]
         # Scaled, so that one large record does not decide.
-        scale = [1.0 / max(float(np.std(v)), TINY) for v in series]
+        scale = [1.0 / max(float(np.sqrt(v @ v / v.size)), TINY) for v in series]
         for begin in range(0, record.samples, BLOCK_SAMPLES):
             block = slice(begin, begin + BLOCK_SAMPLES)
             padded = np.zeros((2, size))
@@ -126,21 +160,18 @@ def bulk_delay(records: Iterable[Record | None], samples: int) -> int:
     return lag if abs(lag) >= MIN_DELAY_SAMPLES else 0
 
 
-def aligned(record: Record, delay: int) -> Record:
-    """Return the record with its response moved back by ``delay`` samples.
+def aligned(channels: Channels, delay: int) -> Channels:
+    """Return the channels with the response moved back by ``delay`` samples.
 
     Samples without a counterpart are cut off.
     """
     if delay == 0:
-        return record
-    assert record.reference is not None
-    n = fast_below(record.samples - abs(delay))
+        return channels
+    n = fast_below(channels.samples - abs(delay))
     in_reference = slice(max(-delay, 0), max(-delay, 0) + n)
     in_response = slice(max(delay, 0), max(delay, 0) + n)
-    return replace(
-        record,
-        reference=record.reference[in_reference],
-        response=record.response[in_response],
-        valid=record.mask[in_response] & record.reference_mask[in_reference],
-        reference_valid=None,
+    return channels.changed(
+        channels.reference[in_reference],
+        channels.response[in_response],
+        channels.used[in_response] & channels.reference_used[in_reference],
     )

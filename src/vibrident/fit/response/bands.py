@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vibrident.base.tails import gamma_tail
 from vibrident.data.records import BoolArray, FloatArray, Quantity, Record
 from vibrident.data.records.basis import distinct
-from vibrident.fit.response.alignment import TINY, aligned, bulk_delay, whitened
+from vibrident.fit.response.alignment import TINY, Channels, aligned, bulk_delay, whitened
 from vibrident.fit.response.response import ComplexArray, MeasuredResponse
 from vibrident.fit.response.transform import (
     MAX_CACHED_SAMPLES,
@@ -46,6 +46,8 @@ MIN_RELATIVE_POWER = 1e-5
 MAX_FALSE_FRACTION = 0.01
 #: … unless that leaves a record fewer bands than this.
 MIN_BANDS = 6
+#: Samples of short records that are summed side by side: what stays in the cache of the processor.
+MAX_SAMPLES_AT_ONCE = 1 << 17
 #: A displacement is so strong at low frequencies that these would leak over all others. Differences
 #: of both channels, sample by sample, are level and have the same ratio.
 DIFFERENCES: dict[Quantity, int] = {"velocity": 1, "displacement": 2}
@@ -61,17 +63,15 @@ def measure_bands(
         quantity: of the reference.
     """
     level = [
-        (index, _differenced(r, DIFFERENCES.get(quantity, 0)))
+        (index, _differenced(Channels.from_record(r), DIFFERENCES.get(quantity, 0)))
         for index, r in enumerate(records)
         if r.reference is not None
     ]
-    rates = {record.sampling_rate_hz for _, record in level}
+    rates = {channels.rate_hz for _, channels in level}
     indexed = [
         pair
         for rate in rates
-        for pair in _at_one_delay(
-            [record for record in level if record[1].sampling_rate_hz == rate]
-        )
+        for pair in _at_one_delay([entry for entry in level if entry[1].rate_hz == rate])
     ]
     responses = [
         bands for _, bands in sorted(indexed, key=lambda pair: (pair[0], pair[1].frequency_hz[0]))
@@ -79,27 +79,46 @@ def measure_bands(
     return MeasuredResponse.join(responses) if responses else None
 
 
-def _at_one_delay(records: Sequence[tuple[int, Record]]) -> list[tuple[int, MeasuredResponse]]:
+def _at_one_delay(entries: Sequence[tuple[int, Channels]]) -> list[tuple[int, MeasuredResponse]]:
     """Return index and bands of all records of one sampling rate, at the delay of most evidence.
 
     One sensor has one delay. It is estimated from all records together, as they are and whitened:
     free motion hides it from the former, noise at high frequencies from the latter.
     """
-    filtered = [whitened(record) for _, record in records]
-    longest = max(record.samples for _, record in records)
-    delays = {bulk_delay((record for _, record in records), longest), bulk_delay(filtered, longest)}
+    indices, measured = zip(*entries, strict=True)
+    filtered = [whitened(channels) for channels in measured]
+    longest = max(channels.samples for channels in measured)
+    delays = {bulk_delay(channels, longest) for channels in (measured, filtered)}
     candidates = []
     for delay in sorted(delays, key=abs):
-        plain = _coherent([_BandSums.at(record, delay) for _, record in records])
-        white = _coherent(
-            [None if record is None else _BandSums.at(record, delay) for record in filtered]
-        )
-        pairs = zip(records, plain, white, strict=True)
-        clearest = [(index, sums) for (index, _), *pair in pairs for sums in _clearer(pair)]
+        plain, white = (_coherent(_sums_at(channels, delay)) for channels in (measured, filtered))
+        pairs = zip(indices, plain, white, strict=True)
+        clearest = [(index, sums) for index, *pair in pairs for sums in _clearer(pair)]
         total_evidence = sum(sums.total_evidence for _, sums in clearest)
         candidates.append((total_evidence, delay, clearest))
     _, delay, clearest = max(candidates, key=lambda candidate: candidate[0])
     return [(index, sums.bands(index, delay)) for index, sums in clearest]
+
+
+def _sums_at(channels: Sequence[Channels | None], delay: int) -> list[_BandSums | None]:
+    """Return the sums of each record with its response moved back, None where no band counts.
+
+    Records of one length are summed side by side.
+    """
+    moved = {
+        number: aligned(record, delay)
+        for number, record in enumerate(channels)
+        if record is not None
+    }
+    sums = dict[int, _BandSums | None]()
+    for samples in {record.samples for record in moved.values()}:
+        numbers = [number for number in moved if moved[number].samples == samples]
+        count = max(MAX_SAMPLES_AT_ONCE // samples, 1)
+        for first in range(0, len(numbers), count):
+            batch = numbers[first : first + count]
+            of_batch = _BandSums.of_batch([moved[number] for number in batch])
+            sums |= zip(batch, of_batch, strict=True)
+    return [sums.get(number) for number in range(len(channels))]
 
 
 def _coherent(sums_of_records: Sequence[_BandSums | None]) -> list[_BandSums | None]:
@@ -111,12 +130,12 @@ def _coherent(sums_of_records: Sequence[_BandSums | None]) -> list[_BandSums | N
     """
     coherent = list(sums_of_records)
     for samples, edges in {
-        sums.record.samples: len(sums.edges) for sums in sums_of_records if sums is not None
+        sums.channels.samples: len(sums.edges) for sums in sums_of_records if sums is not None
     }.items():
         same_length = {
             k: sums
             for k, sums in enumerate(sums_of_records)
-            if sums is not None and sums.record.samples == samples
+            if sums is not None and sums.channels.samples == samples
         }
         evidence, counts = np.zeros((2, edges - 1))
         for sums in same_length.values():
@@ -221,8 +240,9 @@ class _BandSums:
     """Sums over the bands of a record whose response is moved back by its delay.
 
     Attributes:
-        record: as moved.
-        spectrum: of reference and response; None for a long record, where they are computed again.
+        channels: as moved.
+        spectrum: of reference and response, shape (2, lines); None for a long record, where they
+            are computed again.
         edges: of all bands, in lines, shape (all + 1,).
         keep: indices of the bands that count, shape (bands,).
         total: Σ|X|² of these, shape (bands,).
@@ -230,8 +250,8 @@ class _BandSums:
         evidence: that the channels are correlated, shape (bands,).
     """
 
-    record: Record
-    spectrum: tuple[ComplexArray, ComplexArray] | None
+    channels: Channels
+    spectrum: ComplexArray | None
     edges: NDArray[np.int_]
     keep: NDArray[np.int_]
     total: FloatArray
@@ -254,9 +274,7 @@ class _BandSums:
     @property
     def edges_hz(self) -> FloatArray:
         """Return the edges of all bands in Hz, shape (all + 1,)."""
-        return np.asarray(
-            self.edges * (self.record.sampling_rate_hz / self.record.samples), dtype=float
-        )
+        return np.asarray(self.edges * (self.channels.rate_hz / self.channels.samples), dtype=float)
 
     @property
     def middle_hz(self) -> FloatArray:
@@ -274,41 +292,48 @@ class _BandSums:
         )
 
     @classmethod
-    def at(cls, record: Record, delay: int) -> _BandSums | None:
-        """Return the sums of a record, or None if no band holds excitation.
-
-        Args:
-            record: as measured.
-            delay: number of samples by which its response is late.
-        """
-        record = aligned(record, delay)
-        reference, response = _spectra(record)
-        edges = band_edges(record.samples, record.sampling_rate_hz).astype(int)
-        total, response_total, cross = _sums(reference, response, edges)
+    def of_batch(cls, batch: Sequence[Channels]) -> list[_BandSums | None]:
+        """Return the sums of records of one length, None of one without a band with excitation."""
+        samples = batch[0].samples
+        spectra = _spectra(batch)
+        edges = band_edges(samples, batch[0].rate_hz).astype(int)
+        total, response_total, cross = _sums(spectra[:, 0], spectra[:, 1], edges)
         product = total * response_total
         counts = np.diff(edges)
         coherence = np.divide(
             power_of(cross), product, out=np.zeros_like(product), where=product > 0
         )
-        keep = np.flatnonzero(total / counts > MIN_RELATIVE_POWER * np.max(total / counts))
-        if not keep.size:
-            return None
-        for band in keep[counts[keep] > MAX_LINES].tolist():
-            sampled = response[edges[band] : edges[band + 1] : _stride(counts[band])]
-            coherence[band] = power_of(cross[band]) / max(
-                float(np.sum(power_of(sampled))) * total[band], TINY
+        power = total / counts
+        counting = power > MIN_RELATIVE_POWER * np.max(power, axis=1, keepdims=True)
+        for row, band in np.argwhere(counting & (counts > MAX_LINES)).tolist():
+            sampled = spectra[row, 1, edges[band] : edges[band + 1] : _stride(counts[band])]
+            coherence[row, band] = power_of(cross[row, band]) / max(
+                float(np.sum(power_of(sampled))) * total[row, band], TINY
             )
-        lines = -(-counts[keep] // _stride(counts[keep]))
-        evidence = _evidence_of_motion(coherence[keep], lines)
-        spectrum = (reference, response) if record.samples <= MAX_CACHED_SAMPLES else None
-        return cls(record, spectrum, edges, keep, total[keep], cross[keep], evidence)
+        evidence = _evidence_of_motion(coherence, -(-counts // _stride(counts)))
+        sums = list[_BandSums | None]()
+        for row, channels in enumerate(batch):
+            keep = np.flatnonzero(counting[row])
+            spectrum = spectra[row] if samples <= MAX_CACHED_SAMPLES else None
+            of_record = cls(
+                channels,
+                spectrum,
+                edges,
+                keep,
+                total[row, keep],
+                cross[row, keep],
+                evidence[row, keep],
+            )
+            sums.append(of_record if keep.size else None)
+        return sums
 
     def bands(self, index: int, delay: int) -> MeasuredResponse:
         """Return the response over the bands of the record ``index``, with its delay put back."""
-        n = self.record.samples
-        rate = self.record.sampling_rate_hz
+        n = self.channels.samples
+        rate = self.channels.rate_hz
         counts = np.diff(self.edges)[self.keep]
-        reference, response = self.spectrum or _spectra(self.record)
+        spectrum = _spectra([self.channels])[0] if self.spectrum is None else self.spectrum
+        reference, response = spectrum
         first = self.edges[self.keep]
         end = self.edges[self.keep + 1]
         moments = power_of(reference[: self.edges[-1]])
@@ -340,47 +365,44 @@ def _stride(count: Any) -> Any:
     return -(-count // MAX_LINES)
 
 
-def _spectra(record: Record) -> tuple[ComplexArray, ComplexArray]:
-    """Return the windowed spectra of reference and response."""
-    assert record.reference is not None
-    window = hann(record.samples)
-    window = record.mask.astype(float) if record.excitation == "shock" else window * record.mask
-    reference, response = windowed_spectra((record.reference, record.response), record.mask, window)
-    return reference, response
+def _spectra(batch: Sequence[Channels]) -> ComplexArray:
+    """Return amplitudes of the windowed channels about their means, shape (R, 2, lines).
+
+    The records are of one length.
+    """
+    samples = batch[0].samples
+    windowed = np.empty((len(batch), 2, samples))
+    sizes = list[float]()
+    for rows, channels in zip(windowed, batch, strict=True):
+        window = np.ones(samples) if channels.is_shock else hann(samples)
+        window = window if channels.used.all() else window * channels.used
+        for row, values in zip(rows, (channels.reference, channels.response), strict=True):
+            np.multiply(about_mean(values, channels.used), window, out=row)
+        sizes.append(float(np.sum(window)) or 1.0)  # a long delay may leave no samples
+    spectra = transforms(windowed.reshape(-1, samples)).reshape(len(batch), 2, -1)
+    spectra *= 2.0 / np.array(sizes)[:, None, None]
+    return spectra
 
 
-def _differenced(record: Record, times: int) -> Record:
-    """Return the record with both channels differenced so often, which keeps their ratio."""
-    if times == 0 or record.samples <= LINES_IN_BAND + times:
-        return record
-    assert record.reference is not None
-    used = record.mask & record.reference_mask
+def _differenced(channels: Channels, times: int) -> Channels:
+    """Return both channels differenced so often, which keeps their ratio."""
+    if times == 0 or channels.samples <= LINES_IN_BAND + times:
+        return channels
+    used = channels.used & channels.reference_used
     for _ in range(times):
         used = used[1:] & used[:-1]
     reference, response = (
-        np.diff(values, n=times) for values in (record.reference, record.response)
+        np.diff(values, n=times) for values in (channels.reference, channels.response)
     )
-    return replace(record, reference=reference, response=response, valid=used, reference_valid=None)
-
-
-def windowed_spectra(
-    channels: Sequence[FloatArray], mask: BoolArray, window: FloatArray
-) -> ComplexArray:
-    """Return the amplitudes of windowed channels about their means, shape (channels, lines)."""
-    series = [about_mean(values, mask) for values in channels]
-    for values in series:
-        values *= window
-    spectra = transforms(series)
-    spectra *= 2.0 / (np.sum(window) or 1.0)  # a long delay may leave no samples
-    return spectra
+    return channels.changed(reference, response, used)
 
 
 def _sums(
     reference: ComplexArray, response: ComplexArray, edges: NDArray[np.int_]
 ) -> tuple[FloatArray, FloatArray, ComplexArray]:
-    """Return Σ|X|², Σ|Y|² and Σ Y X* over the lines of each band."""
+    """Return Σ|X|², Σ|Y|² and Σ Y X* over the lines of each band, each of shape (R, bands)."""
     products = (power_of(reference), power_of(response), response * np.conj(reference))
     reference_power, response_power, cross = (
-        np.add.reduceat(lines[: edges[-1]], edges[:-1]) for lines in products
+        np.add.reduceat(lines[:, : edges[-1]], edges[:-1], axis=1) for lines in products
     )
     return reference_power, response_power, cross

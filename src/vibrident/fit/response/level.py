@@ -13,6 +13,8 @@ response could be read.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,6 +40,7 @@ MAX_CORRELATION_DEVIATIONS = 3.0
 
 def level_at_tone(
     lines: tuple[ComplexArray, ComplexArray],
+    channels: Sequence[tuple[FloatArray, FloatArray]],
     gain: ComplexArray,
     at_tone: ComplexArray,
     ratio: FloatArray,
@@ -47,6 +50,7 @@ def level_at_tone(
 
     Args:
         lines: of the reference X and of the response Y, each of shape (n, K).
+        channels: the levels of each of them, at the lines and at the tones.
         gain: H at the lines, shape (n, K).
         at_tone: H at the tones, shape (n,).
         ratio: frequency of each line over the tone's, shape (n, K).
@@ -55,9 +59,7 @@ def level_at_tone(
     Returns:
         Shape (n,).
     """
-    (reference, reference_at_tone), (response, response_at_tone) = (
-        levels(np.abs(line) ** 2, ratio, weight) for line in lines
-    )
+    (reference, reference_at_tone), (response, response_at_tone) = channels
     through = np.abs(gain) ** 2
     through_tone = np.abs(at_tone) ** 2
     power = np.abs(lines[1] - gain * lines[0]) ** 2

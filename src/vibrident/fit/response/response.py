@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
@@ -81,19 +82,44 @@ class MeasuredResponse:
             model: complex sensitivity H at frequencies in Hz; None takes the measured ratio at each
                 point, which is right where H hardly changes between a tone and its noise lines.
         """
-        ratio = self.line_hz / self.frequency_hz[:, None]
         h_at_tone = self.ratio if model is None else model(self.frequency_hz)
         if model is None:
+            ratio = self.line_hz / self.frequency_hz[:, None]
             error = np.abs(self.line_response - h_at_tone[:, None] * self.line_reference) ** 2
             _, variance = levels(error, ratio, self.line_weight)
         else:
-            h = model(self.line_hz.ravel()).reshape(self.line_hz.shape)
-            lines = (self.line_reference, self.line_response)
-            variance = level_at_tone(lines, h, h_at_tone, ratio, self.line_weight)
+            variance = self._variance_beside(h_at_tone, model)
         if self.rounding is not None:
             variance = variance + self.rounding[:, 1] + np.abs(h_at_tone) ** 2 * self.rounding[:, 0]
         floor = (MIN_RELATIVE_DEVIATION * np.abs(self.response)) ** 2 + np.finfo(float).tiny
         return np.sqrt(np.maximum(variance, floor))
+
+    def _variance_beside(
+        self, h_at_tone: ComplexArray, model: Callable[[FloatArray], ComplexArray]
+    ) -> FloatArray:
+        """Return the variance of Y − H X by the lines, once for each H; shape (n,)."""
+        h = model(self.line_hz.ravel()).reshape(self.line_hz.shape)
+        key = h_at_tone.tobytes() + h.tobytes()
+        if key not in self._variances:
+            ratio = self.line_hz / self.frequency_hz[:, None]
+            lines = (self.line_reference, self.line_response)
+            self._variances[key] = level_at_tone(
+                lines, self._levels_of_channels, h, h_at_tone, ratio, self.line_weight
+            )
+        return self._variances[key]
+
+    @functools.cached_property
+    def _variances(self) -> dict[bytes, FloatArray]:
+        """Return the variances of Y − H X that were computed, by the bytes of H."""
+        return {}
+
+    @functools.cached_property
+    def _levels_of_channels(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Return the level of the noise of each channel, at the lines and at the tones."""
+        ratio = np.tile(self.line_hz / self.frequency_hz[:, None], (2, 1))
+        power = np.abs(np.concatenate([self.line_reference, self.line_response])) ** 2
+        at_lines, at_tones = levels(power, ratio, np.tile(self.line_weight, (2, 1)))
+        return list(zip(np.split(at_lines, 2), np.split(at_tones, 2), strict=True))
 
     @staticmethod
     def join(responses: Sequence[MeasuredResponse]) -> MeasuredResponse:

@@ -32,14 +32,12 @@ class Bands(Departure):
     def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
         """Yield the motion in each band; a sine has one frequency."""
         if group.pull is None:
-            motions = [
-                group.likely * ((group.hz >= low) & (group.hz < high))
-                for low, high in pairwise(scale.bands_hz)
-            ]
-            yield (
-                "",
-                np.stack([factor * motion for motion in motions for factor in (1.0, 1j)], axis=1),
-            )
+            edges = np.searchsorted(group.hz, scale.bands_hz).tolist()
+            columns = np.zeros((*group.likely.shape[:1], len(edges) - 1, 2, group.bins), complex)
+            for number, (first, end) in enumerate(pairwise(edges)):
+                motion = group.likely[:, first:end]
+                columns[:, number, :, first:end] = np.stack([motion, 1j * motion], axis=1)
+            yield "", columns.reshape(len(columns), -1, group.bins)
 
     def at_points(self, points: PointsPart) -> list[Point]:
         """Return a complex factor of the points of each band."""

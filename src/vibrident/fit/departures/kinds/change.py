@@ -51,14 +51,14 @@ class Change(Departure):
         Whitening and a slow factor commute but for the whitening filter's length, so that one
         transform serves all places (sup over places: Andrews 1993).
         """
-        rows = _changing_rows(group)
         records = len(group.records)
-        blocks = (records, -1, BLOCKS, group.length // BLOCKS)
-        signals = group.whitened_in_time(
-            np.concatenate([rows, group.comparison_rows], axis=1)
-        ).reshape(blocks)
+        changing = group.whitened_in_time(_gain_and_time_rows(group))
+        if not _are_tones(group):
+            changing = np.concatenate([changing, group.jacobian_in_time], axis=1)
+        columns = changing.shape[1]
+        signals = np.concatenate([changing, group.comparison_in_time], axis=1)
+        signals = signals.reshape(records, -1, BLOCKS, group.length // BLOCKS)
         signals = np.ascontiguousarray(signals.swapaxes(1, 2))
-        columns = rows.shape[1]
         products = (signals[:, :, :columns] @ signals.mT).reshape(records, BLOCKS, -1)
         once = (FACTORS @ products).reshape(records, BLOCKS, columns, -1)[..., columns:]
         squared = (FACTORS**2 @ products).reshape(records, BLOCKS, columns, -1)[..., :columns]
@@ -177,14 +177,13 @@ def _changing_rows(group: WhitenedGroup) -> FloatArray:
     2, 2 K). In time it is determined from these: a jump of the response itself is in all bins, the
     quietest above all, and says no more than where exactly it is.
     """
-    gain_and_time = without(
-        group.whiten(group.gain_and_time), group.basis
-    )  # the tone itself is what changes
-    return (
-        gain_and_time
-        if _are_tones(group)
-        else np.concatenate([gain_and_time, group.jacobian], axis=1)
-    )
+    rows = _gain_and_time_rows(group)
+    return rows if _are_tones(group) else np.concatenate([rows, group.jacobian], axis=1)
+
+
+def _gain_and_time_rows(group: WhitenedGroup) -> FloatArray:
+    """Return motion and slope, whitened and free of all nuisances but the tone: it changes."""
+    return without(group.whiten(group.gain_and_time), group.basis)
 
 
 def _column_numbers(words: str, size: int) -> list[int]:

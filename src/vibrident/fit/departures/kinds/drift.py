@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
+from numpy import fft
 
 from vibrident.base.amounts import plain
 from vibrident.base.warning_kinds import WarningCode
@@ -38,8 +39,12 @@ class Drift(WithoutMotion):
 
         They are zero for records with the nuisance tone.
         """
-        bins = group.bins_of(_polynomials(group.samples)[None])
-        has_drift = [self.with_nuisances(record) is not record for record in group.records]
+        bins = (
+            _bins_of_polynomials(group.samples)[None, :, 1 : group.bins + 1]
+            if group.used.all()
+            else group.bins_of(_polynomials(group.samples)[None])
+        )
+        has_drift = [_slow_hz(record) not in record.hum_hz for record in group.records]
         yield "", scale.motion * np.array(has_drift)[:, None, None] * bins
 
     def with_nuisances(self, record: Record) -> Record:
@@ -48,14 +53,29 @@ class Drift(WithoutMotion):
         The tone makes half a turn over the record. With offset and leakage it stands for all smooth
         curves.
         """
-        slow = NUISANCE_TURNS / record.duration_s
-        return record if slow in record.hum_hz else replace(record, hum_hz=(slow, *record.hum_hz))
+        slow_hz = _slow_hz(record)
+        return (
+            record
+            if slow_hz in record.hum_hz
+            else replace(record, hum_hz=(slow_hz, *record.hum_hz))
+        )
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
         """Return how far the response drifts."""
         size = 100.0 * max(abs(score.known(column)) for column in range(len(score.amounts)))
         amount = f" by about {plain(size, 2)} % of its largest" if size else ""
         return f"the response drifts{amount}, which the motion does not explain"
+
+
+def _slow_hz(record: Record) -> float:
+    """Return the frequency of the nuisance tone."""
+    return NUISANCE_TURNS / record.duration_s
+
+
+@functools.lru_cache(maxsize=2)
+def _bins_of_polynomials(samples: int) -> ComplexArray:
+    """Return the transforms of the polynomials where all samples are used."""
+    return np.asarray(fft.rfft(_polynomials(samples), axis=1), dtype=complex)
 
 
 @functools.lru_cache(maxsize=2)

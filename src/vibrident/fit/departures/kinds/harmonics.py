@@ -50,10 +50,9 @@ class Harmonics(WithoutMotion):
 
     def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
         """Yield cosine and sine of each order, as large as the motion of the record."""
-        if not np.isnan(group.turns).all():
-            waves = _largest_motion(group)[:, None, None, None] * group.harmonics
-            for order in range(waves.shape[1]):
-                yield f"{order + 2}", waves[:, order]
+        waves = _largest_motion(group)[:, None, None, None] * group.harmonics
+        for order in range(waves.shape[1]):
+            yield f"{order + 2}", waves[:, order]
 
     def places(self, group: WhitenedGroup, scale: Scale) -> list[Places]:
         """Return each order that samples tell."""
