@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.base.amounts import pretty, scaled
+from vibrident.base.amounts import amount, pretty, scaled
 from vibrident.base.settings import Word, python_word, rendered
 from vibrident.data.records import STANDARD_GRAVITY
 from vibrident.physics.models import installed
@@ -58,9 +58,19 @@ def facts(result: Result) -> tuple[tuple[str, str], ...]:
         (f"known of the {row['channel']}", _removed_response(row))
         for row in result.settings.get("known_responses", ())
     ]
+    pairs += [("corrected for", correction) for correction in corrections(result)]
     if result.has_gain:
         pairs.append(("frequencies", _band(result.measured)))
     return tuple(pairs)
+
+
+def corrections(result: Result) -> list[str]:
+    """Return the stated effects that the data are corrected for, with amount and u."""
+    texts = []
+    for row in result.settings.get("corrected_for", ()):
+        size, u = (amount(row[name], row["unit"], 3) for name in ("amount", "standard_uncertainty"))
+        texts.append(f"{row['source']} ({row['kind']}) of {size}, as the data show it; u = {u}")
+    return texts
 
 
 def _removed_response(row: Mapping[str, Any]) -> str:

@@ -10,6 +10,7 @@ import pytest
 import vibrident
 from vibrident.data.records import SystematicEffect
 from vibrident.physics.simulation import simulate, with_noise
+from vibrident.show.tables import corrections
 
 RATE_HZ = 20_000.0
 SENSOR = {"sensitivity": 0.104, "natural_frequency": 652.1, "damping_ratio": 0.03}
@@ -40,9 +41,12 @@ def test_an_amount_that_was_stated_is_found_and_taken_out(motion):
     result = vibrident.identify(late_by(1.6, motion=motion))
     assert result.fit.adequate
     assert result.warning_codes == ()
-    (seen,) = result.settings["systematic_effects_seen"]
-    assert seen["amount_in_u"] == pytest.approx(1.6, abs=5.0 * seen["uncertainty_in_u"])
-    assert seen["uncertainty_in_u"] < 0.05
+    (corrected,) = result.settings["corrected_for"]
+    u = corrected["standard_uncertainty"]
+    assert corrected["amount"] == pytest.approx(1.6 * TIMING.standard_uncertainty, abs=5.0 * u)
+    assert u < 0.05 * TIMING.standard_uncertainty
+    (shown,) = corrections(result)
+    assert shown.startswith("skew of the recorder (timing) of 4")
     assert np.max(np.abs(distances(result))) < 4.0
 
 

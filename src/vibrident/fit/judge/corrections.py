@@ -48,9 +48,10 @@ def with_effects_corrected(first: Fitted) -> Fitted:
         change = np.where(may_correct, amounts - before, 0.0)
         if np.all(np.abs(change) < MAX_SETTLED_CHANGE * uncertainties):
             break
+        remaining = np.where(may_correct, uncertainties, 1.0)
         corrections = [
-            EffectCorrection(amount, u if corrects else 1.0)
-            for amount, u, corrects in zip(before + change, uncertainties, may_correct, strict=True)
+            EffectCorrection(*numbers)
+            for numbers in zip((before + change).tolist(), remaining.tolist(), strict=True)
         ]
         frequency_hz = current.judgement.adequacy.frequency_hz
         band_hz = float(np.min(frequency_hz)), float(np.max(frequency_hz))

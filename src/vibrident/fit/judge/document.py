@@ -31,6 +31,7 @@ from vibrident.fit.uncertainty.budget import (
     as_settings,
     covered_kinds,
     effective_degrees_of_freedom,
+    effects_of,
     point_budget,
     rows_of_effects,
 )
@@ -216,19 +217,19 @@ def _curves(fitted: Fitted, covariance: FloatArray) -> tuple[Curve, MeasuredCurv
 def _settings_of_data(fitted: Fitted) -> dict[str, Any]:
     """Return the settings that state what the data show beside the parameters.
 
-    These are the amount of each systematic effect in its u, a model that explains all, the quality
-    of optical signals, the clock's offset, known responses of the channels and their band.
+    These are the amount of each systematic effect in its u, those that the data are corrected for,
+    a model that explains all, the quality of optical signals, the clock's offset, known responses
+    of the channels and their band.
     """
     evidence = fitted.evidence
-    amounts: list[dict[str, Any]] = [
+    amounts = [
         {"source": effect.source, "kind": effect.kind, "amount_in_u": size}
         for effect, size in fitted.judgement.effects
     ]
-    for row, correction in zip(amounts, evidence.corrections, strict=False):
-        row["uncertainty_in_u"] = correction.uncertainty  # after the correction
     bands = {record.band_hz for record in evidence.records if record.band_hz is not None}
     settings = {
         "systematic_effects_seen": amounts,
+        "corrected_for": _corrections(evidence),
         "explained_by": fitted.judgement.explained_by,
         "interferometer": {
             record.name: record.optical.as_settings()
@@ -240,6 +241,22 @@ def _settings_of_data(fitted: Fitted) -> dict[str, Any]:
         "band_hz": [*next(iter(bands))] if len(bands) == 1 else [],
     }
     return {name: value for name, value in settings.items() if value}
+
+
+def _corrections(evidence: Evidence) -> list[dict[str, Any]]:
+    """Return the stated effects that the data are corrected for, and by how much."""
+    stated = effects_of(evidence.calibration)
+    return [
+        {
+            "source": effect.source,
+            "kind": effect.kind,
+            "amount": correction.amount * effect.standard_uncertainty,
+            "standard_uncertainty": correction.uncertainty * effect.standard_uncertainty,
+            "unit": effect.unit,
+        }
+        for effect, correction in zip(stated, evidence.corrections, strict=False)
+        if correction.amount
+    ]
 
 
 def _known_responses(

@@ -235,12 +235,15 @@ def _show(
 
 
 def _note_remarks(result: Any) -> None:
-    """Print remarks on copied records and on known responses of the channels."""
+    """Print remarks on copied records, corrections, and known responses of the channels."""
     from vibrident.data.screening.copies import notes_of_copies
+    from vibrident.show.tables import corrections
 
     files = result.provenance.get("files", ())
     for text in notes_of_copies((file["file"], file["history"]) for file in files):
         note(text)
+    for correction in corrections(result):
+        note(f"Note: the data are corrected for {correction}.")
     for row in result.settings.get("known_responses", ()):
         low, high = row["band_hz"]
         note(
