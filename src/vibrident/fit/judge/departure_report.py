@@ -139,11 +139,7 @@ def _points(fitted: Fitted) -> PointsPart | None:
         residual=linear.residual / scatter,
         weight=linear.weight / scatter,
     )
-    effect_patterns = patterns(fitted.effects, linear, linear.frequency_hz)
-    common = (
-        np.where(linear.is_phase[:, None], np.imag(effect_patterns), np.real(effect_patterns))
-        * linear.weight[:, None]
-    )
+    common = linear.rows_of(patterns(fitted.effects, linear, linear.frequency_hz))
     transfer = evidence.model.frequency_response(
         fitted.values, linear.frequency_hz[: len(record)], "acceleration"
     )

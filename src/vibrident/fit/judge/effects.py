@@ -32,8 +32,6 @@ def linearised(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> 
     points = judgement.adequacy
     if evidence.calibration.table is not None and evidence.first_look is not None:
         return Linearised.from_table(coordinates, z, evidence.first_look)
-    if estimate.findings.decays is not None:
-        return Linearised.without_rows(coordinates, z, evidence.quantity)
     at = points.frequency_hz, points.measured, points.relative_deviation
     return Linearised.from_points(coordinates, z, evidence.quantity, *at)
 

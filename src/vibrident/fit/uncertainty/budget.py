@@ -107,8 +107,7 @@ def shift_of_effect(effect: SystematicEffect, linear: Linearised) -> FloatArray:
             [u if effect.kind == "clock" and spec.kind == "log" else 0.0 for spec in specs]
         )
     change = pattern(effect, linear, linear.frequency_hz)
-    row_change = np.where(linear.is_phase, np.imag(change), np.real(change))
-    return u * linear.shift(row_change * linear.weight)
+    return u * linear.shift(linear.rows_of(change[:, None])[:, 0])
 
 
 def pattern(
@@ -353,10 +352,7 @@ def deviation_uncertainty(
         value would fit.
     """
     repeats = len(linear.frequency_hz) // max(len(shape), 1)
-    rows = np.tile(shape, (repeats, 1))
-    weighted_patterns = (
-        np.where(linear.is_phase[:, None], np.imag(rows), np.real(rows)) * linear.weight[:, None]
-    )
+    weighted_patterns = linear.rows_of(np.tile(shape, (repeats, 1)))
     basis = _basis(linear.matrix)
     noise_share = 1.0 - np.sum(basis**2, axis=1)
     effect_variance = np.sum(

@@ -66,14 +66,6 @@ class Linearised:
         )
 
     @classmethod
-    def without_rows(
-        cls, coordinates: Coordinates, z: FloatArray, quantity: Quantity
-    ) -> Linearised:
-        """Build a linearisation without rows: free decays have no response in frequency."""
-        empty = np.zeros(0)
-        return cls.from_points(coordinates, z, quantity, empty, empty.astype(complex), empty)
-
-    @classmethod
     def from_table(
         cls, coordinates: Coordinates, z: FloatArray, problem: FrequencyProblem
     ) -> Linearised:
@@ -98,6 +90,11 @@ class Linearised:
             np.repeat([False, True], len(frequency))[rows],
             np.concatenate([relative_precision, 1.0 / phase_u])[rows],
         )
+
+    def rows_of(self, change: ComplexArray) -> FloatArray:
+        """Return changes of log H as weighted rows, shape (m, K), from their values, (m, K)."""
+        parts = np.where(self.is_phase[:, None], np.imag(change), np.real(change))
+        return parts * self.weight[:, None]
 
     def shift(self, residual: FloatArray) -> FloatArray:
         """Return the least-squares shift dz, shape (p,), of rows with this residual, shape (m,)."""
