@@ -378,6 +378,13 @@ def minus_two_log_likelihood(groups: Sequence[GroupAt]) -> float:
     return total
 
 
+def mean_minus_two_log_likelihood(groups: Sequence[GroupAt]) -> float:
+    """Return the same for each number, to compare fits of which some leave out samples."""
+    grids = [place.group.grid for place in groups for _ in place.group.segments]
+    numbers = sum(float(np.sum(grid.counts)) * grid.samples for grid in grids)
+    return minus_two_log_likelihood(groups) / numbers
+
+
 def _stated(
     band: Band,
     coordinates: Coordinates,

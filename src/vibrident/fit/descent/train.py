@@ -19,7 +19,7 @@ from vibrident.fit.descent.settle import (
     Settled,
     descend,
     in_own_noise,
-    minus_two_log_likelihood,
+    mean_minus_two_log_likelihood,
     settle,
 )
 from vibrident.fit.descent.weighting import SegmentNoise, Weighting
@@ -51,7 +51,7 @@ MAX_EXPLAINED_COST = 30.0
 MIN_HEARD_FRACTION = 0.5
 #: Ends of descents that are compared, each in its own noise.
 MAX_RIVALS = 2
-#: Places that settle, of all that compete.
+#: Starts that settle, of all that compete in their own noise.
 MAX_SETTLED = 4
 #: Rounds that estimate the relative error of such a model.
 MODEL_ERROR_ROUNDS = 2
@@ -81,13 +81,11 @@ def train(evidence: Evidence, method: Method, progress: Progress) -> Settled:
 
 
 def train_anew(evidence: Evidence, method: Method, progress: Progress) -> Settled:
-    """Return the likeliest estimate by the noise at every place, for data that a fit does not suit.
+    """Return the likeliest estimate of all starts, each in the noise that is read at it.
 
     Noise that is known without a model may be far too high, as beside a resonance narrower than a
-    bin: a wrong place then seems to explain the records. Here all delays and places of the grid
-    compete, and the ends of descents from them, each in the noise that is read there.
-
-    Args, raises: as of :func:`train`.
+    bin: a wrong place then seems to explain the records. Here the places of the grid at all delays
+    compete, and the ends of descents from them. Arguments and errors are those of :func:`train`.
     """
     candidates: list[tuple[float, Descended, _Descents]] = []
     for band, observed in _observations(evidence, method):
@@ -101,14 +99,14 @@ def train_anew(evidence: Evidence, method: Method, progress: Progress) -> Settle
                 _, in_own = in_own_noise(end, observed)
             except (NotConverged, InputError, np.linalg.LinAlgError):
                 continue
-            score = minus_two_log_likelihood(in_own.at.groups)
+            score = mean_minus_two_log_likelihood(in_own.at.groups)
             candidates.append((score, end, descents))
     candidates.sort(key=lambda candidate: candidate[0])
     settled = [
         settle(end, descents.survey.observed, descents.weighting, progress)
         for _, end, descents in candidates[:MAX_SETTLED]
     ]
-    return min(settled, key=lambda estimate: estimate.minus_two_log_likelihood)
+    return min(settled, key=lambda estimate: mean_minus_two_log_likelihood(estimate.places))
 
 
 def _observations(evidence: Evidence, method: Method) -> Iterator[tuple[Band, MotionAndNoise]]:

@@ -1,0 +1,71 @@
+"""A rejected fit is tried again from all starts, each in its own noise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bench.adversary.cases import BY_NAME
+from bench.adversary.judge import judged
+
+from vibrident.fit.descent.settle import START_TOLERANCE, mean_minus_two_log_likelihood
+from vibrident.fit.descent.train import train, train_anew
+from vibrident.fit.optimise import silent
+from vibrident.fit.problem import Evidence
+from vibrident.physics.discretisation import method
+from vibrident.physics.models import model_of
+from vibrident.physics.simulation import simulate, with_noise
+
+LOUD_REFERENCE = "noises/strong white, response pink/displacement/burst running"
+
+
+def test_noise_that_is_far_too_high_without_a_model_does_not_decide():
+    """Its first descent explained 5 % of the response, in line with the noise known before."""
+    assert judged(BY_NAME[LOUD_REFERENCE].trial(102))["class"] == "right"
+
+
+def settled(calibration, trained=train):
+    """Return an estimate of the network."""
+    evidence = Evidence.gather(calibration, model_of(calibration, None))
+    return trained(evidence, method("bandlimited"), silent)
+
+
+def test_the_likelihood_for_each_number_knows_no_unit():
+    """Fits at other delays leave out other samples: sums over all of them would depend on it."""
+    sensor = (
+        "accelerometer+delay",
+        {
+            "sensitivity": 0.1,
+            "natural_frequency": 652.1,
+            "damping_ratio": 0.05,
+            "delay": 3e-4,
+        },
+    )
+    clean = simulate(
+        sensor,
+        "random",
+        frequencies_hz=[20.0, 3000.0],
+        sampling_rate_hz=20_000.0,
+        samples=2000,
+        repeats=2,
+        seed=1,
+    )
+    calibration = with_noise(clean, response_noise=0.01, seed=2)
+    unit = 1e-9
+    records = tuple(replace(r, response=unit * r.response) for r in calibration.records)
+    plain, in_unit = (
+        mean_minus_two_log_likelihood(settled(given).places)
+        for given in (calibration, replace(calibration, records=records))
+    )
+    assert in_unit - plain == pytest.approx(2.0 * np.log(unit), abs=1e-4)
+
+
+def test_suited_data_have_the_same_estimate_from_all_starts():
+    clean = simulate("paper", "random", samples=2000, repeats=2, seed=1)
+    calibration = with_noise(clean, response_noise=0.01, seed=2)
+    first, again = (settled(calibration, trained) for trained in (train, train_anew))
+    u = np.sqrt(np.diag(first.covariance))
+    shift = first.coordinates.place(again.coordinates.values(again.z)) - first.z
+    # As near as two descents that end at one bottom.
+    assert np.max(np.square(shift / u)) < 4.0 * START_TOLERANCE
