@@ -44,7 +44,9 @@ def with_effects_corrected(first: Fitted) -> Fitted:
         amounts, uncertainties = (
             values[: len(effects)] for values in (explained.amounts, explained.uncertainties)
         )
-        before = np.array([correction.amount for correction in evidence.corrections] or amounts * 0)
+        before = np.zeros(len(effects))
+        for number, correction in enumerate(evidence.corrections):
+            before[number] = correction.amount
         change = np.where(may_correct, amounts - before, 0.0)
         if np.all(np.abs(change) < MAX_SETTLED_CHANGE * uncertainties):
             break
