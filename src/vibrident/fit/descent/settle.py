@@ -70,6 +70,7 @@ class Settled:
         noise: as a result states it.
         deviation: standard deviation of each record's noise, response unit, shape (records,).
         places: the groups at the estimate.
+        explains: whether the noise known without a model explains what the fit leaves.
     """
 
     band: Band
@@ -82,6 +83,7 @@ class Settled:
     noise: SpectralNoise
     deviation: FloatArray
     places: tuple[GroupAt, ...]
+    explains: bool
 
     @property
     def numbers(self) -> float:
@@ -101,16 +103,19 @@ class InNoise:
     Attributes:
         band: the groups, which are computed again if needed.
         weighting: the noise of every segment.
+        explains: as of :class:`Settled`.
     """
 
     band: Band
     weighting: Weighting
+    explains: bool = True
 
     @classmethod
     def of(cls, settled: Settled) -> InNoise:
         """Return band and noise of an estimate, without the transforms of the records."""
         band = settled.band
-        return cls(replace(band, problem=band.problem.idle()), settled.weighting)
+        idle = replace(band, problem=band.problem.idle())
+        return cls(idle, settled.weighting, settled.explains)
 
     def places(
         self, z: FloatArray, coordinates: Coordinates, *, at_all_bins_of: Band | None = None
@@ -352,7 +357,7 @@ def settle(
             weighting = noise_of_best
             end = best
             trace = best.trace
-    return _stated(end.band, coordinates, end.z, end.at, trace, weighting)
+    return _stated(end.band, coordinates, end.z, end.at, trace, weighting, explains)
 
 
 def in_own_noise(end: Descended, observed: MotionAndNoise) -> tuple[Weighting, Descended]:
@@ -392,6 +397,7 @@ def _stated(
     end: Iterate,
     trace: Trace,
     weighting: Weighting,
+    explains: bool,
 ) -> Settled:
     """Return the estimate with its covariance, by the spectrum of the residual (sandwich)."""
     count = len(z)
@@ -444,7 +450,17 @@ def _stated(
         reference, doubtful(doubtful_rows, covariance), tuple(tones), doubtful_rows
     )
     return Settled(
-        band, coordinates, z, covariance, freedom, trace, weighting, noise, deviation, end.groups
+        band,
+        coordinates,
+        z,
+        covariance,
+        freedom,
+        trace,
+        weighting,
+        noise,
+        deviation,
+        end.groups,
+        explains,
     )
 
 

@@ -122,8 +122,14 @@ class Ipnn(Estimator):
     def where_rejected(
         self, evidence: Evidence, estimate: Estimate, progress: Progress = silent
     ) -> Estimate | None:
-        """Return the estimate of all starts, each in its own noise; None of a network in time."""
+        """Return the estimate of all starts, each in its own noise.
+
+        None of a network in time, and where the noise known without a model is below the misfit:
+        then the model is at fault, and no start.
+        """
         if not (self.is_tied and self.in_band(evidence)) or evidence.start is not None:
+            return None
+        if estimate.in_noise is None or not estimate.in_noise.explains:
             return None
         return settled_estimate(train_anew(evidence, self.method, progress))
 
