@@ -102,10 +102,15 @@ def train_anew(evidence: Evidence, method: Method, progress: Progress) -> Settle
             score = mean_minus_two_log_likelihood(in_own.at.groups)
             candidates.append((score, end, descents))
     candidates.sort(key=lambda candidate: candidate[0])
-    settled = [
-        settle(end, descents.survey.observed, descents.weighting, progress)
-        for _, end, descents in candidates[:MAX_SETTLED]
-    ]
+    settled: list[Settled] = []
+    for _, end, descents in candidates[:MAX_SETTLED]:
+        try:
+            estimate = settle(end, descents.survey.observed, descents.weighting, progress)
+        except (NotConverged, InputError, np.linalg.LinAlgError):
+            continue
+        settled.append(estimate)
+    if not settled:
+        raise NotConverged(NOT_FINITE)
     return min(settled, key=lambda estimate: mean_minus_two_log_likelihood(estimate.places))
 
 

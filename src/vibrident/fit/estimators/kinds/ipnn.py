@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from vibrident.base.binding import bound
-from vibrident.base.errors import ModelError
+from vibrident.base.errors import ModelError, NotConverged
 from vibrident.fit.descent.sandwich import hac_covariance
 from vibrident.fit.descent.settle import InNoise, Settled
 from vibrident.fit.descent.train import train, train_anew
@@ -131,7 +131,10 @@ class Ipnn(Estimator):
             return None
         if estimate.in_noise is None or not estimate.in_noise.explains:
             return None
-        return settled_estimate(train_anew(evidence, self.method, progress))
+        try:
+            return settled_estimate(train_anew(evidence, self.method, progress))
+        except NotConverged:  # the first estimate stands
+            return None
 
     @property
     def trainer(self) -> Optimiser:
