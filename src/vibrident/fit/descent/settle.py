@@ -108,7 +108,7 @@ class InNoise:
 
     band: Band
     weighting: Weighting
-    explains: bool = True
+    explains: bool
 
     @classmethod
     def of(cls, settled: Settled) -> InNoise:
@@ -137,7 +137,7 @@ class InNoise:
     def at_noise_of(self, z: FloatArray, coordinates: Coordinates) -> InNoise:
         """Return the records in the noise estimated at z."""
         weighting = read_weighting(self.band, tuple(self.places(z, coordinates)), None)
-        return InNoise(weighting.with_nuisances(self.band), weighting)
+        return replace(self, band=weighting.with_nuisances(self.band), weighting=weighting)
 
     def normal(self, z: FloatArray, coordinates: Coordinates) -> Local:
         """Return V, its gradient and information at z."""
@@ -384,7 +384,10 @@ def minus_two_log_likelihood(groups: Sequence[GroupAt]) -> float:
 
 
 def mean_minus_two_log_likelihood(groups: Sequence[GroupAt]) -> float:
-    """Return the same for each number, to compare fits of which some leave out samples."""
+    """Return −2 log of the likelihood for each number of the data.
+
+    It compares fits of which some leave out samples.
+    """
     grids = [place.group.grid for place in groups for _ in place.group.segments]
     numbers = sum(float(np.sum(grid.counts)) * grid.samples for grid in grids)
     return minus_two_log_likelihood(groups) / numbers

@@ -162,6 +162,16 @@ class _Survey:
         count = STARTS if stated or model.has_delay or has_add_ons else FEW_STARTS
         return [candidate.values for candidate in candidates(self.band, self.observed, count)]
 
+    def at(self, evidence: Evidence, values: dict[str, float]) -> tuple[Band, Coordinates]:
+        """Return the segments at the delay of start values, and the coordinates near these.
+
+        Raises:
+            InputError: the delay leaves no samples.
+        """
+        band_hz = self.observed.band_hz
+        coordinates = Coordinates.at(evidence.model, values, band_hz, evidence.response_size)
+        return self.band.at_delay_of(values).at_ringing_of(values), coordinates
+
     def starts(self, known: Sequence[dict[str, float]]) -> Iterator[dict[str, float]]:
         """Yield known values, and then the places."""
         yield from known
@@ -267,11 +277,8 @@ class _Descents:
     ) -> Iterator[Descended]:
         """Yield places as ends of descents of no step."""
         for values in places:
-            coordinates = Coordinates.at(
-                evidence.model, values, self.survey.observed.band_hz, evidence.response_size
-            )
             try:
-                band = self.survey.band.at_delay_of(values).at_ringing_of(values)
+                band, coordinates = self.survey.at(evidence, values)
             except InputError:
                 continue
             z = coordinates.first
@@ -395,11 +402,8 @@ def _descended(
     reason: Exception = NotConverged(NOT_FINITE)
     count = survey.observed.count
     for values in starts:
-        coordinates = Coordinates.at(
-            evidence.model, values, survey.observed.band_hz, evidence.response_size
-        )
         try:
-            band = survey.band.at_delay_of(values).at_ringing_of(values)
+            band, coordinates = survey.at(evidence, values)
             end = descend(
                 band, coordinates, coordinates.first, weighting, START_TOLERANCE, progress
             )

@@ -21,6 +21,9 @@ from vibrident.result import Finding, ResultWarning
 
 #: Share of the response's power that a fit must explain for its model to be at fault at all.
 MIN_EXPLAINED_SHARE = 0.5
+#: What is estimated beside a fit, by fits in turn, stays where a step is below this part of its
+#: standard uncertainty.
+MAX_SETTLED_STEP = 0.3
 
 
 @dataclass(frozen=True)

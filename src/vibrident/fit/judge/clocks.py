@@ -15,7 +15,7 @@ from vibrident.fit.departures.kinds.clocks import CLOCKS, slope_with_time
 from vibrident.fit.departures.score import LinearFit
 from vibrident.fit.departures.sources import groups_of
 from vibrident.fit.departures.sums import ExactSums, RecordInformation
-from vibrident.fit.judge.attempts import Fitted
+from vibrident.fit.judge.attempts import MAX_SETTLED_STEP, Fitted
 from vibrident.fit.judge.departure_report import departure_names, departures_of
 from vibrident.fit.response.bands import band_edges
 from vibrident.fit.response.clock_ratio import nearby_offset
@@ -27,7 +27,6 @@ SOURCE = "the ratio of the two clocks"
 CHANGE = "change"  # the departure that two clocks look like: a sensor that changes evenly
 MIN_SIGMA = 4.0  # of ε, to be tried
 DELAY_ORDER = 2  # of a rational function for what remains of a delay (Padé)
-MAX_SETTLED_STEP = 0.3  # of ε, in its standard uncertainty
 MAX_ROUNDS = 6
 MIN_FALL = 2.0  # of the unexplained power, for a fit that remains rejected
 

@@ -9,21 +9,23 @@ uncertainty is that of its amount by the statement and the data together.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from vibrident.base.errors import VibridentError
 from vibrident.data.records import FloatArray, SystematicEffect
-from vibrident.fit.judge.attempts import Fitted
+from vibrident.fit.judge.attempts import MAX_SETTLED_STEP, Fitted
 from vibrident.fit.judge.effects import explained_by_effects
-from vibrident.fit.problem.evidence import EffectCorrection, Evidence
+from vibrident.fit.problem.evidence import EffectCorrection
+from vibrident.fit.response.correction import LogChange
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.verdict import REJECTION
-from vibrident.fit.uncertainty.budget import effects_of, pattern
+from vibrident.fit.uncertainty.budget import effects_of, patterns
 
 #: Kinds of effects whose change of log H does not depend on the model, beside tabulated ones.
 KINDS = ("timing", "phase", "mounting")
 MAX_ROUNDS = 8
-MAX_SETTLED_CHANGE = 0.3  # of an amount, in its standard uncertainty
 
 
 def with_effects_corrected(first: Fitted) -> Fitted:
@@ -48,7 +50,7 @@ def with_effects_corrected(first: Fitted) -> Fitted:
         for number, correction in enumerate(evidence.corrections):
             before[number] = correction.amount
         change = np.where(may_correct, amounts - before, 0.0)
-        if np.all(np.abs(change) < MAX_SETTLED_CHANGE * uncertainties):
+        if np.all(np.abs(change) < MAX_SETTLED_STEP * uncertainties):
             break
         remaining = np.where(may_correct, uncertainties, 1.0)
         corrections = [
@@ -58,7 +60,7 @@ def with_effects_corrected(first: Fitted) -> Fitted:
         frequency_hz = current.judgement.adequacy.frequency_hz
         band_hz = float(np.min(frequency_hz)), float(np.max(frequency_hz))
         try:
-            corrected = _corrected(evidence, effects, change, band_hz, corrections)
+            corrected = evidence.corrected(_log_change(effects, change), band_hz, corrections)
             # A fit that was rejected is no start.
             current = current.anew(corrected) if current.adequate else current.once(corrected)
         except VibridentError:
@@ -66,21 +68,16 @@ def with_effects_corrected(first: Fitted) -> Fitted:
     return current if current.adequate else first
 
 
-def _corrected(
-    evidence: Evidence,
-    effects: list[SystematicEffect],
-    change: FloatArray,
-    band_hz: tuple[float, float],
-    corrections: list[EffectCorrection],
-) -> Evidence:
-    """Return the evidence corrected for more of the effects; ``change``: of their amounts."""
+def _log_change(effects: Sequence[SystematicEffect], amounts: FloatArray) -> LogChange:
+    """Return the change of log H by amounts of effects, as a function of the frequency in Hz.
+
+    Effects whose amount is zero may depend on the model.
+    """
+    chosen = np.flatnonzero(amounts).tolist()
+    changing = [effects[number] for number in chosen]
 
     def log_change(frequency_hz: FloatArray) -> ComplexArray:
-        total = np.zeros(frequency_hz.shape, dtype=complex)
-        for effect, amount in zip(effects, change.tolist(), strict=True):
-            if amount:
-                u = effect.standard_uncertainty
-                total += amount * u * pattern(effect, None, frequency_hz)
-        return total
+        change = patterns(changing, None, frequency_hz) @ amounts[chosen]
+        return np.asarray(change, dtype=complex)
 
-    return evidence.corrected(log_change, band_hz, corrections)
+    return log_change

@@ -18,7 +18,8 @@ TONE_RATIO = 25.0
 MAX_TONES = 16
 #: Tones nearer than so many bins are one: a record of this length cannot separate nearer ones.
 MIN_DISTANCE_BINS = 1.0
-#: A known tone stays where it is this near: its columns hold slow changes of phase.
+#: A known tone stays where it is this near: of a phase that turns by ±πδ over the record, its
+#: columns leave at most (πδ)²/2, a five-hundredth of the tone.
 MIN_MOVE_BINS = 0.02
 #: Farthest move of a tone, in bins: its phase turns by half a turn over the record.
 MAX_MOVE_BINS = 0.5

@@ -23,6 +23,7 @@ from vibrident.fit.response.response import ComplexArray, MeasuredResponse
 from vibrident.fit.response.transform import (
     MAX_CACHED_SAMPLES,
     about_mean,
+    band_sums,
     hann,
     power_of,
     transforms,
@@ -336,9 +337,9 @@ class _BandSums:
         reference, response = spectrum
         first = self.edges[self.keep]
         end = self.edges[self.keep + 1]
-        moments = power_of(reference[: self.edges[-1]])
+        moments = power_of(reference)
         moments *= np.arange(moments.size)
-        frequency = np.add.reduceat(moments, self.edges[:-1])[self.keep] / self.total * rate / n
+        frequency = band_sums(moments, self.edges)[self.keep] / self.total * rate / n
         lines = (
             first[:, None] + np.arange(min(np.max(counts), MAX_LINES)) * _stride(counts)[:, None]
         )
@@ -402,7 +403,5 @@ def _sums(
 ) -> tuple[FloatArray, FloatArray, ComplexArray]:
     """Return Σ|X|², Σ|Y|² and Σ Y X* over the lines of each band, each of shape (R, bands)."""
     products = (power_of(reference), power_of(response), response * np.conj(reference))
-    reference_power, response_power, cross = (
-        np.add.reduceat(lines[:, : edges[-1]], edges[:-1], axis=1) for lines in products
-    )
+    reference_power, response_power, cross = (band_sums(lines, edges) for lines in products)
     return reference_power, response_power, cross

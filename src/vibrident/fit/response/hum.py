@@ -17,8 +17,8 @@ from numpy import fft
 
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.data.records.basis import span_of
-from vibrident.fit.response.sine_fit import response_sine, summit_shift
-from vibrident.fit.response.transform import hann, median, power_of, waves
+from vibrident.fit.response.sine_fit import response_sine
+from vibrident.fit.response.transform import hann, log_peak_shift, median, power_of, waves
 
 #: A line this many times the median of the lines around is a tone; of the motion, where the
 #: prediction has a tone there.
@@ -348,4 +348,4 @@ def _above(power: FloatArray, peak: int) -> float:
 
 def _summit(power: FloatArray, peak: int) -> float:
     """Return the place of a peak between its lines."""
-    return peak + summit_shift(power[peak - 1 : peak + 2], np.finfo(float).tiny)
+    return peak + log_peak_shift(power, peak, np.finfo(float).tiny)

@@ -12,7 +12,7 @@ from numpy import fft
 from vibrident.base.fft_lengths import fast_length
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.response.response import ComplexArray
-from vibrident.fit.response.transform import about_mean, hann
+from vibrident.fit.response.transform import about_mean, hann, log_peak_shift
 
 MAX_ITERATIONS = 12
 #: Gauss–Newton converges quadratically: a last step below this phase leaves an error below 1e-9.
@@ -154,20 +154,8 @@ def spectral_peak(
     peak = int(np.argmax(np.where(allowed, magnitude, -1.0)))
     shift = 0.0
     if 0 < peak < magnitude.shape[0] - 1 and magnitude[peak] > 0:
-        shift = summit_shift(magnitude[peak - 1 : peak + 2], 1e-300 + 1e-12 * magnitude[peak])
+        shift = log_peak_shift(magnitude, peak, 1e-300 + 1e-12 * magnitude[peak])
     return float((peak + shift) * rate / size)
-
-
-def summit_shift(lines: FloatArray, least: float) -> float:
-    """Return the distance of a summit from the middle one of three lines, by a parabola.
-
-    Args:
-        lines: sizes of neighbouring lines, shape (3,); the parabola is in their logarithms.
-        least: lower limit of the sizes.
-    """
-    before, top, after = np.log(np.maximum(lines, least))
-    curvature = before - 2.0 * top + after
-    return float(np.clip(0.5 * (before - after) / curvature, -0.5, 0.5)) if curvature < 0 else 0.0
 
 
 def phasors(samples: int, step_rad: float, start_rad: float = 0.0) -> ComplexArray:

@@ -100,6 +100,34 @@ def band_of(places: NDArray[Any], edges: NDArray[np.int_]) -> NDArray[np.int_]:
     return np.clip(np.searchsorted(edges, places, side="right") - 1, 0, len(edges) - 2)
 
 
+def peak_shift(values: FloatArray, place: int) -> float:
+    """Return the offset of the peak of a parabola through a maximum and its neighbours.
+
+    Args:
+        values: shape (n,).
+        place: index of the maximum.
+
+    Returns:
+        In indices, from −0.5 to 0.5.
+    """
+    if not 0 < place < len(values) - 1:
+        return 0.0
+    before, top, after = values[place - 1 : place + 2]
+    bend = 2.0 * top - before - after
+    return float(np.clip(0.5 * (after - before) / bend, -0.5, 0.5)) if bend > 0.0 else 0.0
+
+
+def log_peak_shift(lines: FloatArray, place: int, least: float) -> float:
+    """Return the offset of the peak of a parabola through the logarithms of lines, in lines.
+
+    Args:
+        lines: sizes, shape (n,).
+        place: index of a line with a neighbour on either side.
+        least: lower limit of the sizes.
+    """
+    return peak_shift(np.log(np.maximum(lines[place - 1 : place + 2], least)), 1)
+
+
 def line_counts(samples: int) -> FloatArray:
     """Return how often each line counts in a sum over the whole transform, shape (lines,).
 

@@ -6,28 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from vibrident.data.records import BoolArray, FloatArray
+from vibrident.data.records import BoolArray
 from vibrident.fit.group.group import Group
 from vibrident.fit.noise.averages import windowed
 from vibrident.fit.problem.band import Band
 from vibrident.fit.response.phase_delay import Phases, agreed_delay
-
-
-def peak_shift(values: FloatArray, place: int) -> float:
-    """Return the offset of the peak of a parabola through a maximum and its neighbours.
-
-    Args:
-        values: shape (n,).
-        place: index of the maximum.
-
-    Returns:
-        In indices, from −0.5 to 0.5.
-    """
-    if not 0 < place < len(values) - 1:
-        return 0.0
-    before, top, after = values[place - 1 : place + 2]
-    bend = 2.0 * top - before - after
-    return float(np.clip(0.5 * (after - before) / bend, -0.5, 0.5)) if bend > 0.0 else 0.0
 
 
 def rough_delay(band: Band, heard: Mapping[int, BoolArray], high: float) -> float:

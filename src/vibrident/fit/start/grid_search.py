@@ -19,9 +19,8 @@ from vibrident.fit.group.network import products
 from vibrident.fit.problem.band import Band
 from vibrident.fit.response.phase_delay import PER_PERIOD, preferred
 from vibrident.fit.response.response import ComplexArray
-from vibrident.fit.response.transform import power_of
+from vibrident.fit.response.transform import peak_shift, power_of
 from vibrident.fit.start.coarse import CoarseRows
-from vibrident.fit.start.delay import peak_shift
 from vibrident.physics.models import SensorModel
 
 #: Natural frequencies that differ by less than this factor are one start …

@@ -225,9 +225,14 @@ class Place(NamedTuple):
 
 
 def patterns(
-    effects: Sequence[SystematicEffect], linear: Linearised | Place, frequency_hz: FloatArray
+    effects: Sequence[SystematicEffect],
+    linear: Linearised | Place | None,
+    frequency_hz: FloatArray,
 ) -> np.ndarray:
-    """Return the change of log H by one u of each effect, complex, shape (n, K)."""
+    """Return the change of log H by one u of each effect, complex, shape (n, K).
+
+    ``linear``: as of :func:`pattern`.
+    """
     columns = [e.standard_uncertainty * pattern(e, linear, frequency_hz) for e in effects]
     return np.stack(columns, axis=1) if columns else np.zeros((len(frequency_hz), 0), complex)
 

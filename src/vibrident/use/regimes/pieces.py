@@ -22,6 +22,7 @@ from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.optimise import silent
 from vibrident.fit.problem import Evidence
 from vibrident.fit.response.bands import uncorrelated_records
+from vibrident.fit.response.transform import band_sums
 from vibrident.physics.models import SensorModel
 
 #: Pieces of a record: regimes of two of them are found.
@@ -114,7 +115,7 @@ def is_alike_throughout(record: Record) -> bool:
     pieces = moving[: record.samples // length * length].reshape(-1, length)
     power = np.abs(np.asarray(fft.rfft(pieces * np.hanning(length)))) ** 2
     edges = np.unique(np.geomspace(1, power.shape[1], ALIKE_BANDS + 1).astype(int))
-    shares = np.add.reduceat(power[:, : edges[-1]], edges[:-1], axis=1)
+    shares = band_sums(power, edges)
     mean = shares.mean(axis=0)
     moved = mean > MIN_BAND_SHARE * mean.sum()
     return bool(np.all(shares[:, moved] > mean[moved] / MAX_POWER_RATIO))
