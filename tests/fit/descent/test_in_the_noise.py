@@ -144,24 +144,25 @@ def test_free_motion_above_half_the_sampling_rate_tells_nothing() -> None:
     np.testing.assert_allclose(ends[1], ends[0], atol=0.1)
 
 
-@pytest.mark.parametrize("seed", [0, 12])
-def test_a_sensor_of_which_little_is_seen_reaches_its_optimum_in_noise_of_the_reference(seed):
+def test_a_sensor_of_which_little_is_seen_reaches_its_optimum_in_noise_of_the_reference():
     """Twenty times above the band: each full step led back to where it came from, and equal weights were rejected.
 
-    In the first draw χ² of the points rises by 3.5 up to a sensor without resonance, and 95 % take 3.9: that of all
-    data rises by more, and the interval ends.
+    χ² of the points may rise by less than 95 % take up to a sensor without resonance: that of all data rises by more,
+    and the interval ends. Three or more of twelve intervals miss the truth by a chance of 2 %.
     """
+    missed = []
     stiff = {"sensitivity": 0.1, "natural_frequency": 44e3, "damping_ratio": 0.01}
-    clean = simulate(
-        ("accelerometer", stiff), "random", frequencies_hz=[50.0, 2000.0], sampling_rate_hz=10e3, samples=1000,
-        repeats=4, start="rest", seed=seed,
-    )  # fmt: skip
-    result = vibrident.identify(with_noise(clean, reference_noise=0.01, response_noise=1e-3, seed=seed))
-    assert result.settings["noise_weights"] == "spectrum"
-    assert result.fit.adequate
-    for name, true in stiff.items():
-        found = result.parameters[name]
-        low, high = found.interval_95
-        assert high is not None, name
-        assert low < true < high, name
-        assert abs(found.value - true) < 4.0 * found.standard_uncertainty, name
+    for seed in (0, 1, 2, 12):
+        clean = simulate(
+            ("accelerometer", stiff), "random", frequencies_hz=[50.0, 2000.0], sampling_rate_hz=10e3, samples=1000,
+            repeats=4, start="rest", seed=seed,
+        )  # fmt: skip
+        result = vibrident.identify(with_noise(clean, reference_noise=0.01, response_noise=1e-3, seed=seed))
+        assert result.settings["noise_weights"] == "spectrum"
+        assert result.fit.adequate
+        for name, true in stiff.items():
+            low, high = result.parameters[name].interval_95
+            assert high is not None, name
+            if not low < true < high:
+                missed.append((seed, name))
+    assert len(missed) <= 2, missed

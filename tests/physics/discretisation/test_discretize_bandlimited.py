@@ -6,7 +6,7 @@ from numpy.polynomial import legendre
 from tests.support.discrete_sensors import accelerometer, recursion, system_of, weights_of, without_free_response
 
 from vibrident.physics.discretisation import band_limited_inputs, method, sampled_inputs
-from vibrident.physics.discretisation.inputs import HALF_WIDTH, filtered, half_width_for
+from vibrident.physics.discretisation.inputs import HALF_WIDTH, band_limited_filters, filtered, kernel_for
 from vibrident.physics.models import parse
 
 N = 600
@@ -124,6 +124,19 @@ def test_coefficients_of_a_tone_are_its_legendre_projections():
         np.testing.assert_allclose(step.coefficients[step.usable], expected, atol=3e-7)
 
 
+@pytest.mark.parametrize("band", [0.0, 0.02, 0.05, 0.1, 0.2, 0.256, 0.3, 0.35, 0.4])
+def test_inputs_for_a_band_are_accurate_within_it_from_few_samples(band):
+    """A step loses 8/(1 − 2 f) samples at either end of a record: 8 of slow motion, 40 up to the usable band."""
+    filters = band_limited_filters(np.ones(N, dtype=bool), 6, 0.0, band)
+    assert filters.usable.sum() == N - 2 * np.ceil(8.0 / (1.0 - 2.0 * band) - 1e-9) + 1
+    samples = np.arange(filters.filters.shape[1]) + filters.first
+    x, w = legendre.leggauss(40)
+    for cycles in np.linspace(0.0, band, 20):
+        values = np.exp(1j * np.pi * cycles * (x + 1))
+        expected = 0.5 * (values * w) @ legendre.legvander(x, 5) * (2 * np.arange(6) + 1)
+        np.testing.assert_allclose(filters.filters @ np.exp(2j * np.pi * cycles * samples), expected, atol=2e-9)
+
+
 def test_gain_one_at_zero_frequency_and_polynomials():
     """A constant gives c_0 = 1 and nothing else; a straight line its middle and half its rise; a parabola a c_2."""
     t = (np.arange(N) - N / 2) / N  # the signal's own unit: ±1/2 over the record
@@ -188,7 +201,7 @@ def test_a_delay_is_whole_samples_and_a_fraction(delay, whole, fraction, rng):
 
 
 def test_short_records_get_a_shorter_window():
-    assert [half_width_for(n) for n in (8, 20, 48, 100, 200, 10**6)] == [4, 4, 9, 20, 40, 40]
+    assert [kernel_for(n).half_width for n in (8, 20, 48, 100, 200, 10**6)] == [4, 4, 9, 20, 40, 40]
     step = band_limited_inputs(np.cos(0.05 * np.arange(30)), np.ones(30, dtype=bool), 4, 0.0)
     assert step.usable.sum() == 30 - 2 * 6 + 1
 

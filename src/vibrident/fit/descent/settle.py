@@ -369,7 +369,7 @@ def in_own_noise(end: Descended, observed: MotionAndNoise) -> tuple[Weighting, D
 
 def _noise_at(end: Descended, observed: MotionAndNoise) -> tuple[Weighting, Band]:
     """Return the noise at the end of a descent, and the band with its nuisances."""
-    weighting = read_weighting(end.band, end.at.groups, observed.heard)
+    weighting = read_weighting(end.band, end.at.groups, observed)
     return weighting, weighting.with_nuisances(end.band).at_ringing_of(end.values)
 
 

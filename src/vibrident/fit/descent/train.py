@@ -121,24 +121,34 @@ def _observations(evidence: Evidence, method: Method) -> Iterator[tuple[Band, Mo
     """
     model = evidence.model
     start = evidence.start or _neutral_values(evidence)
-    problem = BinProblem.build(evidence.records, model, method, evidence.quantity, start)
-    band = Band(problem, np.inf)
-    observed = estimate_motion_and_noise(band)
-    if not model.has_delay or evidence.start is not None:
-        yield band.within(observed.band_hz[1]), observed
-        return
-    by_delay = {float(problem.frame.delay_s): (band, observed)}
-    for mask in ({number: heard for number, (_, heard) in observed.heard.items()}, loud_bins(band)):
-        delay_s = rough_delay(band, mask, observed.band_hz[1])
-        if delay_s not in by_delay:
-            values = _with_delay(model, start, delay_s)
-            problem = BinProblem.build(evidence.records, model, method, evidence.quantity, values)
-            delayed = Band(problem, np.inf)
-            by_delay[delay_s] = delayed, estimate_motion_and_noise(delayed)
-    largest = max(observed.count for _, observed in by_delay.values())
-    for _, (delayed, observed) in sorted(by_delay.items(), key=lambda item: abs(item[0])):
-        if observed.count >= MIN_HEARD_FRACTION * largest:
-            yield delayed.within(observed.band_hz[1]), observed
+
+    def problem_at(values: Mapping[str, float], top_hz: float) -> BinProblem:
+        records = evidence.records
+        return BinProblem.build(records, model, method, evidence.quantity, values, top_hz)
+
+    # What a look projects out is smooth in frequency times the reference, so that its inputs need
+    # no accuracy. It shows up to which frequency those of a fit do.
+    look = Band(problem_at(start, 0.0), np.inf)
+    observed = estimate_motion_and_noise(look)
+    looks = {float(look.problem.frame.delay_s): (start, look, observed)}
+    if model.has_delay and evidence.start is None:
+        for masks in ([observed.heard_in(group) for group in look.groups], loud_bins(look)):
+            delay_s = rough_delay(look, masks, observed.band_hz[1])
+            if delay_s not in looks:
+                values = _with_delay(model, start, delay_s)
+                delayed = Band(problem_at(values, 0.0), np.inf)
+                looks[delay_s] = values, delayed, estimate_motion_and_noise(delayed)
+    largest = max(observed.count for _, _, observed in looks.values())
+    for _, (values, look, observed) in sorted(looks.items(), key=lambda item: abs(item[0])):
+        if observed.count < MIN_HEARD_FRACTION * largest:
+            continue
+        top_hz = observed.band_hz[1]
+        if np.isinf(look.problem.frame.top_hz):
+            yield look.within(top_hz), observed
+            continue
+        band = Band(problem_at(values, top_hz), top_hz)
+        # What fills in omitted samples belongs to the samples of the look.
+        yield band, estimate_motion_and_noise(band) if observed.filled else observed
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vibrident.data.records import BoolArray, FloatArray
+from vibrident.data.records import FloatArray
 from vibrident.fit.bins.segments import TONE_COLUMNS
 from vibrident.fit.descent.in_noise import GroupAt, GroupWeights, fitted_numbers
 from vibrident.fit.group.group import Grid, Group
@@ -17,6 +17,7 @@ from vibrident.fit.noise.spectrum import NoiseSpectrum
 from vibrident.fit.noise.tones import common_tones, located, with_tones
 from vibrident.fit.problem.band import Band
 from vibrident.fit.response.transform import power_of, reference_colour
+from vibrident.fit.start.motion_and_noise import MotionAndNoise
 
 #: Noise is steep where some bins have less than this fraction of the mean.
 MAX_STEEP_RATIO = 0.01
@@ -41,16 +42,14 @@ class SegmentNoise:
     def spectrum_at(self, grid: Grid) -> NoiseSpectrum:
         """Return the noise at the bins of a grid."""
         names = "psd", "input_noise_at", "doubt", "excited"
-        rows = {
-            name: resampled_bins(getattr(self.spectrum, name), self.samples, grid) for name in names
-        }
+        rows = {name: grid.resampled(getattr(self.spectrum, name), self.samples) for name in names}
         return replace(self.spectrum, **rows)
 
     def at_bins(self, grid: Grid) -> FloatArray:
         """Return noise, that of the reference, |H|² and excited at the bins of a grid, (4, K)."""
         spectrum = self.spectrum
         rows = (spectrum.psd, spectrum.input_noise_at, self.passed, spectrum.excited)
-        return np.stack([resampled_bins(values, self.samples, grid) for values in rows])
+        return np.stack([grid.resampled(values, self.samples) for values in rows])
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,14 +92,6 @@ class Weighting:
         return band.with_nuisances(tones, edges=steep)
 
 
-def resampled_bins(values: FloatArray, samples: int, grid: Grid) -> FloatArray:
-    """Return values at bins of so many samples at the bins of a grid, shape (K,)."""
-    if samples == grid.samples and len(values) >= grid.bins:
-        return values[: grid.bins]
-    places = np.arange(grid.bins) * (samples / grid.samples)
-    return np.interp(places, np.arange(len(values)), values)
-
-
 def is_steep(spectrum: NoiseSpectrum) -> bool:
     """Return whether noise is so much less in some bins that leakage into these counts."""
     lowest = float(np.min(spectrum.psd))
@@ -108,16 +99,15 @@ def is_steep(spectrum: NoiseSpectrum) -> bool:
 
 
 def read_weighting(
-    band: Band, places: Sequence[GroupAt], heard: Mapping[int, tuple[int, BoolArray]] | None
+    band: Band, places: Sequence[GroupAt], observed: MotionAndNoise | None
 ) -> Weighting:
     """Return the noise of every segment from the residuals at an iterate.
 
     Args:
         band: the segments.
         places: the groups at the iterate.
-        heard: samples, and bins at which motion shows, by number of the segment. Elsewhere the
-            component of a residual that is coherent with the reference is noise of that. None:
-            where the response is loud.
+        observed: where motion shows. Elsewhere the component of a residual that is coherent with
+            the reference is noise of that. None: where the response is loud.
     """
     floors = band.problem.noise_floor**2
     segments: dict[int, SegmentNoise] = {}
@@ -143,7 +133,7 @@ def read_weighting(
                 through=(squares * colour)[None],
                 reference=reference,
                 passed=place.through * reference,
-                heard=None if heard is None else _heard_in(group, heard),
+                heard=None if observed is None else observed.heard_in(group),
             )
         noise = read_noise(rows, group.grid.last - 1, colour)
         spectra = NoiseSpectrum.by_record(noise)
@@ -173,15 +163,6 @@ def _known_tones(place: GroupAt) -> list[tuple[float, ...]]:
         strongest_first = tuple(tone for _, tone in sorted(tones, reverse=True))
         places.append(with_tones((), strongest_first))
     return places
-
-
-def _heard_in(group: Group, heard: Mapping[int, tuple[int, BoolArray]]) -> BoolArray:
-    """Return where motion shows in a group, whose length another delay may have changed."""
-    rows = []
-    for number in group.segments:
-        samples, bins = heard[min(number, len(heard) - 1)]
-        rows.append(resampled_bins(bins.astype(float), samples, group.grid) > 0.5)
-    return np.stack(rows)
 
 
 def _colour(band: Band, group: Group) -> FloatArray | float:

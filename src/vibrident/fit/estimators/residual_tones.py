@@ -29,7 +29,7 @@ from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.sine_fit import phasors
 from vibrident.fit.response.transform import hann
 from vibrident.physics.discretisation import method
-from vibrident.physics.discretisation.inputs import half_width_for
+from vibrident.physics.discretisation.inputs import kernel_for
 
 
 def network_problem(evidence: Evidence, values: dict[str, float]) -> NetworkProblem | None:
@@ -181,7 +181,8 @@ def _tones_of_residuals(
         # Where the network predicts too few samples, or interpolates by too few for an error of
         # 1e-5, the record keeps all its samples and its vibration noise.
         reaches.append(
-            half_width_for(record.samples) >= 32 and bool(used.sum() > 0.5 * record.mask.sum())
+            kernel_for(record.samples).half_width >= 32
+            and bool(used.sum() > 0.5 * record.mask.sum())
         )
         residual = np.where(used, record.response - series, 0.0)
         residual_records.append(

@@ -88,6 +88,13 @@ class Grid:
         counts[self.last :] = 0.0
         return counts
 
+    def resampled(self, values: FloatArray, samples: int) -> FloatArray:
+        """Return values at the bins of so many samples at the bins of this grid, shape (K,)."""
+        if samples == self.samples and len(values) >= self.bins:
+            return values[: self.bins]
+        places = np.arange(self.bins) * (samples / self.samples)
+        return np.interp(places, np.arange(len(values)), values)
+
     @functools.cached_property
     def fixed_nuisances(self) -> ComplexArray:
         """Return the columns that depend on no parameter, drift and tones of hum, shape (m, K)."""

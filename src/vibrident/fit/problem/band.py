@@ -13,13 +13,9 @@ from vibrident.fit.group.group import Grid, Group, in_batches
 from vibrident.fit.group.network import Step
 from vibrident.fit.problem.bin_problem import BinProblem
 from vibrident.fit.problem.coordinates import MAX_EXPONENT
+from vibrident.fit.problem.network_problem import BAND_MARGIN, MIN_BINS
 from vibrident.physics.models import SensorModel
 
-#: Bins up to this many times the highest frequency of the motion count: beyond, only a misfit
-#: caused by motion and the level of the noise are visible.
-BAND_MARGIN = 1.5
-#: Fewest bins, where there are so many: fewer do not determine the noise.
-MIN_BINS = 256
 #: Fraction of a bin by which a place may miss that bin in the last digits, in other units of time.
 ROUNDING = 1e-6
 

@@ -21,7 +21,7 @@ from vibrident.fit.bins import (
 from vibrident.fit.group.group import Grid, Group, in_batches
 from vibrident.fit.group.network import Step, predict
 from vibrident.fit.problem.coordinates import Coordinates
-from vibrident.fit.problem.network_problem import Frame, NetworkProblem
+from vibrident.fit.problem.network_problem import Frame, NetworkProblem, counted_band
 from vibrident.fit.response.transform import MAX_CACHED_SAMPLES
 from vibrident.physics.discretisation import Weights
 from vibrident.physics.discretisation.inputs import USABLE_BAND
@@ -48,7 +48,12 @@ class BinProblem(NetworkProblem):
         """
         drives = [driven_by(record, frame.model, frame.factor_values) for record in records]
         steps = [
-            frame.method.filters(drive.valid, frame.terms, frame.delay_s * record.sampling_rate_hz)
+            frame.method.filters(
+                drive.valid,
+                frame.terms,
+                frame.delay_s * record.sampling_rate_hz,
+                counted_band(record, frame.top_hz),
+            )
             for record, drive in zip(records, drives, strict=True)
         ]
         steps = [usable_steps(step, record) for step, record in zip(steps, records, strict=True)]

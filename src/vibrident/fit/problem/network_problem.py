@@ -16,10 +16,16 @@ from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.response.response import MIN_RELATIVE_DEVIATION
 from vibrident.fit.response.rounding import converter_step
 from vibrident.physics.discretisation import Method, Weights
+from vibrident.physics.discretisation.inputs import USABLE_BAND
 from vibrident.physics.models import SensorModel
 
 #: Fraction of a sample by which a delay may differ from that of the interpolated inputs.
 MAX_DELAY_CHANGE_SAMPLES = 1e-5
+#: Bins up to this many times the highest frequency of the motion count: beyond, only a misfit
+#: caused by motion and the level of the noise are visible.
+BAND_MARGIN = 1.5
+#: Fewest bins, where there are so many: fewer do not determine the noise.
+MIN_BINS = 256
 #: Fraction by which a factor's parameter may differ from that of the inputs, which are exact to its
 #: square.
 MAX_FACTOR_CHANGE = 1e-5
@@ -39,6 +45,8 @@ class Frame:
         fastest: largest |pole| at the start values, rad/s.
         factor_values: parameters of the factors that are not rational, by name, at which the
             reference is taken.
+        top_hz: highest frequency of the motion, for which inputs are accurate; infinite where it
+            is not known, tones may have harmonics above it, or no accuracy depends on it.
     """
 
     model: SensorModel
@@ -49,6 +57,7 @@ class Frame:
     terms: int
     fastest: float
     factor_values: Mapping[str, float]
+    top_hz: float = np.inf
 
     @classmethod
     def of(
@@ -58,6 +67,7 @@ class Frame:
         method: Method,
         quantity: Quantity,
         start: Mapping[str, float],
+        top_hz: float = np.inf,
     ) -> Frame:
         """Return the frame that these records need.
 
@@ -68,16 +78,19 @@ class Frame:
             quantity: of the reference.
             start: start values of the parameters; the natural frequency and damping set how many
                 inputs a step are needed, the delay where they are interpolated.
+            top_hz: highest frequency of the motion.
         """
         delay = float(np.asarray(model.delay_s(start))) if model.has_delay else 0.0
         system = model.rational(start, quantity)
         order = len(system.denominator) - 1
         direct = len(system.numerator) > order  # the response then contains the reference itself
         fastest = model.fastest(start)
-        intervals = {record.sampling_interval_s for record in records}
-        terms = max(method.terms(fastest * interval, direct=direct) for interval in intervals)
+        if not method.is_exact or any(record.excitation == "sine" for record in records):
+            top_hz = np.inf
+        steps = {(r.sampling_interval_s, counted_band(r, top_hz)) for r in records}
+        terms = max(method.terms(fastest * interval, direct, band) for interval, band in steps)
         factor_values = {name: float(start[name]) for name in model.factor_names}
-        return cls(model, method, quantity, delay, order, terms, fastest, factor_values)
+        return cls(model, method, quantity, delay, order, terms, fastest, factor_values, top_hz)
 
     @property
     def fewest(self) -> int:
@@ -115,6 +128,7 @@ class NetworkProblem(ABC):
         method: Method,
         quantity: Quantity,
         start: Mapping[str, float],
+        top_hz: float = np.inf,
     ) -> Self:
         """Return the problem with inputs interpolated at the expected delay.
 
@@ -123,7 +137,9 @@ class NetworkProblem(ABC):
         Raises:
             InputError: no record is long enough.
         """
-        return cls.of_frame(tuple(records), Frame.of(records, model, method, quantity, start))
+        return cls.of_frame(
+            tuple(records), Frame.of(records, model, method, quantity, start, top_hz)
+        )
 
     @classmethod
     @abstractmethod
@@ -158,7 +174,9 @@ class NetworkProblem(ABC):
         if not self.is_far(values, MAX_DELAY_CHANGE_SAMPLES):
             return self
         frame = self.frame
-        return self.build(self.records, frame.model, frame.method, frame.quantity, values)
+        return self.build(
+            self.records, frame.model, frame.method, frame.quantity, values, frame.top_hz
+        )
 
     def is_far(self, values: Mapping[str, float], samples: float) -> bool:
         """Return whether the inputs are at another delay by so many samples, or other factors."""
@@ -173,6 +191,15 @@ class NetworkProblem(ABC):
     def idle(self) -> Self:
         """Return the problem with less memory, for rare use."""
         return self
+
+
+def counted_band(record: Record, top_hz: float) -> float:
+    """Return the highest frequency that counts in a record, over its sampling rate.
+
+    ``top_hz``: highest frequency of the motion.
+    """
+    highest = max(BAND_MARGIN * top_hz / record.sampling_rate_hz, MIN_BINS / record.samples)
+    return float(min(highest, USABLE_BAND))
 
 
 def noise_floor_of(record: Record) -> float:

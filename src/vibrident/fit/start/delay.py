@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,23 +13,23 @@ from vibrident.fit.problem.band import Band
 from vibrident.fit.response.phase_delay import Phases, agreed_delay
 
 
-def rough_delay(band: Band, heard: Mapping[int, BoolArray], high: float) -> float:
+def rough_delay(band: Band, heard: Sequence[BoolArray], high: float) -> float:
     """Return the delay at which the phases between the channels agree best, s.
 
     Args:
         band: the segments.
-        heard: bins that count, by number of the segment.
+        heard: bins that count, of each group, shape (R, K).
         high: highest frequency of the motion, Hz.
     """
     longest = max(group.grid.samples / group.grid.rate_hz for group in band.groups)
-    by_group = [_phases(group, heard) for group in band.groups]
+    by_group = [_phases(*rows) for rows in zip(band.groups, heard, strict=True)]
     phases = Phases(*(np.concatenate(arrays) for arrays in zip(*by_group, strict=True)))
     return agreed_delay(phases, longest, high)
 
 
-def _phases(group: Group, heard: Mapping[int, BoolArray]) -> Phases:
+def _phases(group: Group, heard: BoolArray) -> Phases:
     """Return the phases between the channels of a group at the bins that count."""
-    counts = np.stack([heard[number][1:-1] for number in group.segments])
+    counts = heard[:, 1:-1]
     reference = group.inputs[:, 0]
     difference = (reference[:, :-2] - reference[:, 2:])[counts] * (0.5 / np.sqrt(0.375))
     frequency_hz = np.broadcast_to(group.grid.frequency_hz[1:-1], counts.shape)

@@ -47,6 +47,9 @@ class NoiseLevels(NamedTuple):
 class MotionAndNoise:
     """Noise of the response given the motion, without a model.
 
+    It serves segments of other lengths, too, as another delay or other inputs give; an additional
+    one is as the last.
+
     Attributes:
         levels: noise by number of the segment, of K bins each.
         heard: samples, and bins at which motion shows in the response, by number of the segment.
@@ -68,15 +71,28 @@ class MotionAndNoise:
         return float(sum(np.sum(heard) for _, heard in self.heard.values()))
 
     def levels_in(self, group: Group) -> NoiseLevels:
-        """Return the noise in a group of the same lengths, shape (R, K)."""
-        rows = [self.levels[number] for number in group.segments]
-        return NoiseLevels(
-            *(np.stack(bins)[:, : group.grid.bins] for bins in zip(*rows, strict=True))
-        )
+        """Return the noise in a group, shape (R, K)."""
+        grid = group.grid
+        rows = []
+        for number in self._numbers(group):
+            samples = self.heard[number][0]
+            response, reference, passed = (
+                grid.resampled(bins, samples) for bins in self.levels[number]
+            )
+            more = grid.samples / samples  # power of a bin grows with the samples
+            rows.append((more * response, more * reference, passed))
+        return NoiseLevels(*(np.stack(bins) for bins in zip(*rows, strict=True)))
 
     def heard_in(self, group: Group) -> BoolArray:
-        """Return where motion shows in a group of the same lengths, shape (R, K)."""
-        return np.stack([self.heard[number][1][: group.grid.bins] for number in group.segments])
+        """Return where motion shows in a group, shape (R, K)."""
+        heard = (self.heard[number] for number in self._numbers(group))
+        return np.stack(
+            [group.grid.resampled(bins.astype(float), samples) > 0.5 for samples, bins in heard]
+        )
+
+    def _numbers(self, group: Group) -> list[int]:
+        """Return the number of the segment that stands for each of a group."""
+        return [min(number, len(self.heard) - 1) for number in group.segments]
 
     def weights_in(self, group: Group) -> FloatArray:
         """Return the weights in the noise of the response, shape (R, K).
@@ -158,13 +174,13 @@ def _near_tones(band: Band, group: Group) -> BoolArray:
     return near
 
 
-def loud_bins(band: Band) -> dict[int, BoolArray]:
-    """Return where both channels are loud, by number of the segment, shape (K,) each.
+def loud_bins(band: Band) -> list[BoolArray]:
+    """Return where both channels are loud, of each group, shape (R, K).
 
     Loud bins exceed the quietest interval of the band. A response that comes late is not coherent
     with its cause within a few bins, as the phase between them turns.
     """
-    loud: dict[int, BoolArray] = {}
+    loud: list[BoolArray] = []
     for group in band.groups:
         both_loud = np.ones((len(group.segments), group.grid.bins), dtype=bool)
         for rows in (group.response, group.inputs[:, 0]):
@@ -175,7 +191,7 @@ def loud_bins(band: Band) -> dict[int, BoolArray]:
             quiet = np.min([np.mean(interval, axis=1) for interval in intervals], axis=0)
             both_loud &= power > MIN_MOTION_RATIO * quiet[:, None]
         both_loud |= ~np.any(both_loud, axis=1, keepdims=True)  # the motion is everywhere
-        loud |= zip(group.segments, both_loud, strict=True)
+        loud.append(both_loud)
     return loud
 
 

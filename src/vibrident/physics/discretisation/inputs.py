@@ -21,6 +21,7 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy import fft
@@ -33,10 +34,11 @@ from vibrident.data.records import BoolArray, FloatArray
 #: Highest frequency, as a fraction of the sampling rate, for which band-limited inputs are
 #: accurate.
 USABLE_BAND = 0.4
-#: Samples used on either side of a step.
+#: Samples used on either side of a step for inputs that are accurate over the usable band.
 HALF_WIDTH = 40
 #: Kaiser β for the half width above: interpolation error below 1e-11 up to 0.4 of the sampling
-#: rate, and below 1e-4 up to 0.43.
+#: rate, and below 1e-4 up to 0.43. The error is as small at the edge f of another band if the half
+#: width is in proportion to 1/(1 − 2 f), the width of what lies between the band and its images.
 KAISER_BETA = 24.0
 #: Highest degree of polynomials that are interpolated exactly: a second derivative is then right
 #: to 1e-6 of a tone of a thousandth of the sampling rate …
@@ -47,7 +49,7 @@ MIN_FREE_TAPS = 3
 SERIES_TOLERANCE = 1e-10
 #: Most Legendre coefficients a step.
 MAX_TERMS = 12
-#: Part of its largest value at which a filter's kernel ends: less than the interpolation's error.
+#: Part of its largest value at which a filter's response ends: less than the interpolation's error.
 KERNEL_TOLERANCE = 1e-9
 
 
@@ -87,13 +89,37 @@ class StepFilters:
     fraction: float
 
 
-def terms_needed(rate_times_step: float) -> int:
+class Kernel(NamedTuple):
+    """Interpolation from samples.
+
+    Attributes:
+        half_width: samples used on either side of a step.
+        beta: of its Kaiser window.
+    """
+
+    half_width: int
+    beta: float
+
+
+def kernel_for(samples: int, band: float = USABLE_BAND) -> Kernel:
+    """Return the interpolation that is accurate over a band; it is shorter for a short record.
+
+    Args:
+        samples: of the record.
+        band: highest frequency at which inputs must be accurate, over the sampling rate.
+    """
+    needed = math.ceil(HALF_WIDTH * (1.0 - 2.0 * USABLE_BAND) / (1.0 - 2.0 * band))
+    half_width = min(needed, max(4, samples // 5))
+    return Kernel(half_width, KAISER_BETA * half_width / needed)
+
+
+def terms_needed(rate_times_step: float, band: float = USABLE_BAND) -> int:
     """Return the number of Legendre terms for a sensor whose fastest rate is |λ|, given |λ| Ts.
 
     The truncation error is bounded by j_q(ω Ts/2) j_q(|λ| Ts/2) (2q + 1) for the largest ω in the
-    usable band, with the second factor at most one.
+    band, with the second factor at most one. ``band`` is as of :func:`kernel_for`.
     """
-    highest = math.pi * USABLE_BAND  # ω Ts / 2
+    highest = math.pi * band  # ω Ts / 2
     for q in range(2, MAX_TERMS):
         # |j_q| of a complex rate is bounded by the modified function over its exponential growth.
         sensor = _spherical_bessel(q, rate_times_step / 2, 1.0)
@@ -115,33 +141,35 @@ def _spherical_bessel(order: int, x: float, sign: float) -> float:
 
 
 @functools.lru_cache(maxsize=64)
-def _filters(terms: int, half_width: int, shift: float) -> NDArray[np.float64]:
+def _filters(terms: int, kernel: Kernel, shift: float) -> NDArray[np.float64]:
     """Return h_j[n] for n = 1 − half_width … half_width, shape (terms, 2 half_width).
 
     ``shift``: samples by which the step starts late, in [0, 1).
     """
+    half_width = kernel.half_width
     offsets: FloatArray = np.arange(1.0 - half_width, half_width + 1.0) - shift
     nodes, node_weights = legendre.leggauss(terms + 24)
     x = 0.5 * (nodes + 1.0)
     distance = x[:, None] - offsets[None, :]
-    kernel: FloatArray = np.sinc(distance) * _window(distance, half_width)
-    kernel += _polynomial_correction(kernel, x, offsets, half_width)
+    weights: FloatArray = np.sinc(distance) * _window(distance, kernel)
+    weights += _polynomial_correction(weights, x, offsets, half_width)
     basis = legendre.legvander(nodes, terms - 1)  # (nodes, terms)
-    filters = (2 * np.arange(terms) + 1)[:, None] * (0.5 * node_weights[:, None] * basis).T @ kernel
+    moments = (2 * np.arange(terms) + 1)[:, None] * (0.5 * node_weights[:, None] * basis).T
+    filters = moments @ weights
     filters.flags.writeable = False
     return filters
 
 
 def _polynomial_correction(
-    kernel: FloatArray, x: FloatArray, offsets: FloatArray, half_width: int
+    weights: FloatArray, x: FloatArray, offsets: FloatArray, half_width: int
 ) -> FloatArray:
-    """Return the smallest change by which a kernel interpolates polynomials exactly.
+    """Return the smallest change by which an interpolation is exact for polynomials.
 
     Args:
-        kernel: weights of the samples in the signal between them, shape (points, taps).
+        weights: of the samples in the signal between them, shape (points, taps).
         x: the points, in samples, shape (points,).
         offsets: the samples, shape (taps,).
-        half_width: of the kernel.
+        half_width: of the interpolation.
 
     Returns:
         Shape (points, taps).
@@ -149,24 +177,19 @@ def _polynomial_correction(
     degree = min(MAX_DEGREE, half_width - MIN_FREE_TAPS)
     at_samples = legendre.legvander(offsets / half_width, degree)
     at_points = legendre.legvander(x / half_width, degree)
-    weight = np.clip(1.0 - (offsets / (half_width + 1)) ** 2, 0.0, None) ** 2
-    weighted = weight[:, None] * at_samples
-    amounts = np.linalg.solve(at_samples.T @ weighted, (at_points - kernel @ at_samples).T)
+    fade = np.clip(1.0 - (offsets / (half_width + 1)) ** 2, 0.0, None) ** 2
+    weighted = fade[:, None] * at_samples
+    amounts = np.linalg.solve(at_samples.T @ weighted, (at_points - weights @ at_samples).T)
     return np.asarray((weighted @ amounts).T)
 
 
 @functools.lru_cache(maxsize=8)
-def _spectra(terms: int, half_width: int, shift: float, size: int) -> NDArray[np.complex128]:
+def _spectra(terms: int, kernel: Kernel, shift: float, size: int) -> NDArray[np.complex128]:
     """Return the spectra of the reversed filters, shape (terms, size/2 + 1).
 
     Their product with a signal's spectrum is that of the correlation.
     """
-    return fft.rfft(_filters(terms, half_width, shift)[:, ::-1], size, axis=-1)
-
-
-def half_width_for(samples: int) -> int:
-    """Return the half width of the interpolation, which is shorter for a short record."""
-    return int(min(HALF_WIDTH, max(4, samples // 5)))
+    return fft.rfft(_filters(terms, kernel, shift)[:, ::-1], size, axis=-1)
 
 
 def band_limited_inputs(
@@ -182,11 +205,12 @@ def band_limited_inputs(
     """
     n = samples.shape[0]
     lag = math.ceil(delay_samples)
-    half = half_width_for(n)
+    kernel = kernel_for(n)
+    half = kernel.half_width
     shift = lag - delay_samples  # step k starts at sample k − lag + shift
     size = fast_length(n + 2 * half)
     spectrum = fft.rfft(np.where(valid, samples, 0.0), size)
-    convolved = fft.irfft(spectrum * _spectra(terms, half, shift, size), size, axis=-1)
+    convolved = fft.irfft(spectrum * _spectra(terms, kernel, shift, size), size, axis=-1)
     # The reversed filter's last sample belongs to offset 1 − half, so the step that starts at k
     # sits at k + half.
     return _aligned(
@@ -196,12 +220,18 @@ def band_limited_inputs(
     )
 
 
-def band_limited_filters(valid: BoolArray, terms: int, delay_samples: float) -> StepFilters:
-    """Return the filters of :func:`band_limited_inputs`; invalid samples count as zero."""
-    half = half_width_for(valid.shape[0])
+def band_limited_filters(
+    valid: BoolArray, terms: int, delay_samples: float, band: float = USABLE_BAND
+) -> StepFilters:
+    """Return the filters of :func:`band_limited_inputs`; invalid samples count as zero.
+
+    ``band`` is as of :func:`kernel_for`.
+    """
+    kernel = kernel_for(valid.shape[0], band)
+    half = kernel.half_width
     lag = math.ceil(delay_samples)
     usable = _delay_mask(_all_valid(valid, 1 - half, half), lag)
-    return StepFilters(_filters(terms, half, lag - delay_samples), 1 - half - lag, usable, 0.0)
+    return StepFilters(_filters(terms, kernel, lag - delay_samples), 1 - half - lag, usable, 0.0)
 
 
 def filtered(
@@ -216,24 +246,25 @@ def filtered(
             this length at most.
     """
     n = samples.shape[0]
-    half = half_width_for(n)
+    kernel = kernel_for(n)
+    half = kernel.half_width
     size = fast_length(2 * n)
     # Half samples: the filter acts on the interpolated signal.
     late = np.arange(-half, half + 0.5, 0.5)
     interpolation = np.zeros(2 * size)
-    interpolation[np.arange(-2 * half, 2 * half + 1)] = 0.5 * np.sinc(late) * _window(late, half)
+    interpolation[np.arange(-2 * half, 2 * half + 1)] = 0.5 * np.sinc(late) * _window(late, kernel)
     spectrum = fft.rfft(interpolation) * response(np.arange(size + 1) / size)
-    kernel = 2.0 * fft.irfft(spectrum, 2 * size)[::2]
-    lags = np.flatnonzero(np.abs(kernel) > KERNEL_TOLERANCE * np.max(np.abs(kernel)))
+    weights = 2.0 * fft.irfft(spectrum, 2 * size)[::2]
+    lags = np.flatnonzero(np.abs(weights) > KERNEL_TOLERANCE * np.max(np.abs(weights)))
     lags = np.where(lags > size // 2, lags - size, lags)
-    signal = fft.irfft(fft.rfft(np.where(valid, samples, 0.0), size) * fft.rfft(kernel), size)[:n]
+    signal = fft.irfft(fft.rfft(np.where(valid, samples, 0.0), size) * fft.rfft(weights), size)[:n]
     return signal, _all_valid(valid, -int(np.max(lags)), -int(np.min(lags)))
 
 
-def _window(distance: FloatArray, half_width: int) -> FloatArray:
+def _window(distance: FloatArray, kernel: Kernel) -> FloatArray:
     """Return Kaiser's window of the interpolation at distances in samples."""
+    half_width, beta = kernel
     inside = np.clip(1.0 - (distance / half_width) ** 2, 0.0, None)
-    beta = KAISER_BETA * half_width / HALF_WIDTH
     return np.i0(beta * np.sqrt(inside)) / np.i0(beta) * (np.abs(distance) <= half_width)
 
 

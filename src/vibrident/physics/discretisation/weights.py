@@ -33,6 +33,7 @@ from vibrident.base.errors import ModelError, unknown
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.physics.discretisation.inputs import (
     MAX_TERMS,
+    USABLE_BAND,
     StepFilters,
     StepInputs,
     band_limited_filters,
@@ -157,14 +158,17 @@ class Method:
         """Return whether the method has no error of its own for band-limited signals."""
         return self.fixed_terms is None
 
-    def terms(self, rate_times_step: float, direct: bool = False) -> int:
+    def terms(self, rate_times_step: float, direct: bool = False, band: float = USABLE_BAND) -> int:
         """Return the number of inputs a step for a sensor with |λ| Ts = ``rate_times_step``.
 
-        ``direct``: the response contains the input itself, which the sensor does not smooth.
+        Args:
+            rate_times_step: |λ| Ts of the sensor's fastest rate.
+            direct: whether the response contains the input itself, which no sensor smooths.
+            band: highest frequency at which inputs must be accurate, over the sampling rate.
         """
         if self.fixed_terms is not None:
             return self.fixed_terms
-        return MAX_TERMS if direct else terms_needed(rate_times_step)
+        return MAX_TERMS if direct else terms_needed(rate_times_step, band)
 
     def inputs(
         self, samples: FloatArray, valid: BoolArray, terms: int, delay_samples: float = 0.0
@@ -176,10 +180,18 @@ class Method:
         make = band_limited_inputs if self.fixed_terms is None else sampled_inputs
         return make(samples, valid, terms, delay_samples + self.late_samples)
 
-    def filters(self, valid: BoolArray, terms: int, delay_samples: float = 0.0) -> StepFilters:
-        """Return the filters from samples to inputs of the network."""
-        make = band_limited_filters if self.fixed_terms is None else sampled_filters
-        return make(valid, terms, delay_samples + self.late_samples)
+    def filters(
+        self,
+        valid: BoolArray,
+        terms: int,
+        delay_samples: float = 0.0,
+        band: float = USABLE_BAND,
+    ) -> StepFilters:
+        """Return the filters from samples to inputs of the network; ``band`` as of :meth:`terms`."""
+        delay_samples = delay_samples + self.late_samples
+        if self.fixed_terms is None:
+            return band_limited_filters(valid, terms, delay_samples, band)
+        return sampled_filters(valid, terms, delay_samples)
 
     def weights(
         self, system: StateSpace, sampling_interval_s: Any, fraction: Any, terms: int
