@@ -187,7 +187,10 @@ class Method:
         delay_samples: float = 0.0,
         band: float = USABLE_BAND,
     ) -> StepFilters:
-        """Return the filters from samples to inputs of the network; ``band`` as of :meth:`terms`."""
+        """Return the filters from samples to inputs of the network.
+
+        ``band`` is as of :meth:`terms`.
+        """
         delay_samples = delay_samples + self.late_samples
         if self.fixed_terms is None:
             return band_limited_filters(valid, terms, delay_samples, band)
