@@ -67,11 +67,13 @@ def gaussian(rng: np.random.Generator, records: int = RECORDS) -> Rows:
     return np.asarray(np.sqrt(SAMPLES / 2.0) * (parts[0] + 1j * parts[1]))
 
 
-def draw(seed: int, through: Rows, of_response: Curve, of_reference: Curve, every: int = 1) -> Drawn:
+def draw(
+    seed: int, through: Rows, of_response: Curve, of_reference: Curve, every: int = 1, moved: slice = MOVED
+) -> Drawn:
     """Records of random motion in a part of the bins, at every so many of these."""
     rng = np.random.default_rng(seed)
     motion = np.zeros((RECORDS, BINS), complex)
-    motion[:, MOVED][:, ::every] = gaussian(rng)[:, MOVED][:, ::every] * np.sqrt(every)
+    motion[:, moved][:, ::every] = gaussian(rng)[:, moved][:, ::every] * np.sqrt(every)
     reference = motion + gaussian(rng) * np.sqrt(of_reference)
     response = through * motion + gaussian(rng) * np.sqrt(of_response)
     predicted = through * reference
@@ -137,6 +139,15 @@ def test_noise_of_the_reference_is_found_where_nothing_moves(natural: float) -> 
     assert all(np.all(noise.free) for noise in noises)
     beyond = [np.abs(each.input_noise - 9e-4) > each.doubt[:, 100] for each in noises]
     assert np.mean(beyond) < 0.15
+
+
+@pytest.mark.parametrize("kind", ["white", "pink"])
+def test_noise_of_the_reference_has_its_colour_where_it_is_hidden(kind: str) -> None:
+    """Motion hides it in a fifth of the bins; read as white, pink noise would be a tenth of itself in the lowest."""
+    true = 9e-4 * colour(kind)
+    noise = draw(9, transfer(300.0), np.full(BINS, 1e-7), true, moved=slice(1, 140)).read()
+    ratio = np.median(noise.input_noise_at / true, axis=0)
+    assert np.all(np.abs(np.log(ratio[2:140])) < np.log(1.5))
 
 
 @pytest.mark.parametrize("natural", NATURAL)

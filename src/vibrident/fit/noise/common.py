@@ -144,7 +144,8 @@ def _normal_equations(
 def _amounts(normal: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the least-squares amounts of R records by their normal equations.
 
-    No amount is negative; the second is left out where it is not significant.
+    No amount is negative; the second is left out where it is not significant, and the first where
+    the second alone explains significantly more than it.
 
     Returns:
         The amounts, shape (R, 2), and their covariances, shape (R, 2, 2).
@@ -157,11 +158,17 @@ def _amounts(normal: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatAr
     covariance = inverse_normal(normal)
     amounts = (covariance @ right[..., None])[..., 0]
     limit = SIGNIFICANT_DEVIATIONS * np.sqrt(covariance[:, 1, 1])
-    white_only = ~((amounts[:, 0] >= 0.0) & (amounts[:, 1] > limit))
-    variance = 1.0 / np.maximum(normal[white_only, 0, 0], MIN_SCALED_EIGENVALUE)
-    amounts[white_only] = 0.0
-    amounts[white_only, 0] = variance * right[white_only, 0]
-    covariance[white_only] = 0.0
-    covariance[white_only, 0, 0] = variance
+    alone = np.flatnonzero(~((amounts[:, 0] >= 0.0) & (amounts[:, 1] > limit)))
+    variances = 1.0 / np.maximum(
+        np.diagonal(normal[alone], axis1=1, axis2=2), MIN_SCALED_EIGENVALUE
+    )
+    explained = variances * right[alone] * np.maximum(right[alone], 0.0)
+    better = explained[:, 1] > explained[:, 0] + SIGNIFICANT_DEVIATIONS**2
+    shape = better.astype(int)
+    rows = np.arange(len(alone))
+    amounts[alone] = 0.0
+    amounts[alone, shape] = variances[rows, shape] * right[alone, shape]
+    covariance[alone] = 0.0
+    covariance[alone, shape, shape] = variances[rows, shape]
     amounts = np.maximum(amounts, 0.0)
     return amounts / scale, covariance / size
