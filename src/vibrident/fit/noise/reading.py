@@ -25,6 +25,7 @@ from vibrident.fit.noise.projection import BLOCK_BINS
 from vibrident.fit.noise.residuals import Residuals
 from vibrident.fit.noise.shapes import (
     DOUBT_DEVIATIONS,
+    by_amounts,
     flicker_of,
     no_input_noise,
     noise_of_shapes,
@@ -151,8 +152,7 @@ def _read(rows: Residuals, last: int, colour: FloatArray | float) -> GroupNoise:
         level /= count
         excited -= FAINT_RATIO * psd / np.maximum(level, 1e-300)
         np.maximum(excited, 0.0, out=excited)
-    white, pink = input_noise.amounts.T[:, :, None]
-    smooth *= white + pink * flicker_of(psd.shape[1])
+    smooth *= by_amounts(input_noise.amounts, psd.shape[1])
     smooth *= colour
     return GroupNoise(
         psd,

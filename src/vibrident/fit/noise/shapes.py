@@ -27,7 +27,7 @@ class InputNoise(NamedTuple):
 
     Attributes:
         variance: σx² where it is significant, else zero, shape (R,).
-        amounts: its a and c, a + c/k at bin k, shape (R, 2).
+        amounts: its a, c and d, a + c/k + d/k² at bin k, shape (R, 3).
         doubts: shape (R, 5).
         free: shape (R,).
     """
@@ -56,7 +56,7 @@ def noise_of_shapes(
     response_shapes = grid.order ** np.array([[0.0], [-1.0], [-2.0]])
     if rows.through is None or log_through is None:
         amounts = amounts_of(response_shapes[None], level[None], counts[None]).values[0]
-        return _by_amounts(amounts, bins), no_input_noise(records)
+        return _at_bins(amounts, bins), no_input_noise(records)
     reference_level = grid.geometric_means(log_through)
     scale = np.max(reference_level, axis=-1, keepdims=True)
     reference_shape = np.maximum(reference_level / scale, MIN_LEVEL)[:, None]
@@ -84,10 +84,9 @@ def noise_of_shapes(
     common = common_noise(incoherent.noise, rows.predicted, rows.through, rows.count[:, None], last)
     noise = _chosen(common, variance, spread, limit)
     by_common = common.significant
-    white = np.where(by_common, common.amounts[:, 0], variance)
-    pink = np.where(by_common, common.amounts[:, 1], 0.0)
-    by_reference = white[:, None] + pink[:, None] * flicker_of(bins)
-    by_reference *= rows.through
+    of_reference = np.where(by_common[:, None], common.amounts, 0.0)
+    of_reference[~by_common, 0] = variance[~by_common]
+    by_reference = by_amounts(of_reference, bins) * rows.through
     if np.any(by_common):
         known_level = grid.geometric_means(log_power(by_reference[by_common]))
         refitted = amounts_of(
@@ -97,7 +96,7 @@ def noise_of_shapes(
             known_level[None],
         )
         amounts[by_common, :3] = refitted.values[0]
-    return _by_amounts(amounts, bins, by_reference), noise
+    return _at_bins(amounts, bins, by_reference), noise
 
 
 def _chosen(
@@ -122,7 +121,7 @@ def _chosen(
     doubts = np.zeros((len(limit), 5))
     doubts[:, 0] = np.minimum(limit, np.where(certain, 0.0, variance) + DOUBT_DEVIATIONS * spread)
     # 1/f noise may be present even if it is not significant.
-    remaining = np.where(by_correlation[:, None], 0.0, common.amounts)
+    remaining = np.where(by_correlation[:, None], 0.0, common.amounts[:, :2])
     variances = np.diagonal(common.covariance, axis1=1, axis2=2)
     correlation_doubts = np.column_stack([remaining, variances, common.covariance[:, 0, 1]])
     doubt_by_correlation = by_correlation | (~certain & ~refuted & (common.spread < spread))
@@ -135,18 +134,22 @@ def _chosen(
 def no_input_noise(records: int) -> InputNoise:
     """Return no noise of the reference, of so many records."""
     free = np.zeros(records, dtype=bool)
-    return InputNoise(np.zeros(records), np.zeros((records, 2)), np.zeros((records, 5)), free)
+    return InputNoise(np.zeros(records), np.zeros((records, 3)), np.zeros((records, 5)), free)
 
 
-def _by_amounts(
-    amounts: FloatArray, bins: int, by_reference: FloatArray | float = 0.0
-) -> FloatArray:
-    """Return a + c/k + d/k² and the noise from the reference, shape (R, K)."""
+def by_amounts(amounts: FloatArray, bins: int) -> FloatArray:
+    """Return a + c/k + d/k² at each bin k, shape (R, K)."""
     flicker = flicker_of(bins)
-    shape = amounts[:, 2:3] * flicker
-    shape += amounts[:, 1:2]
-    shape *= flicker
-    shape += amounts[:, :1]
+    level = amounts[:, 2:3] * flicker
+    level += amounts[:, 1:2]
+    level *= flicker
+    level += amounts[:, :1]
+    return level
+
+
+def _at_bins(amounts: FloatArray, bins: int, by_reference: FloatArray | float = 0.0) -> FloatArray:
+    """Return the noise of the response and that from the reference, positive, shape (R, K)."""
+    shape = by_amounts(amounts, bins)
     shape += by_reference
     return np.maximum(shape, MIN_LEVEL * np.mean(shape, axis=1, keepdims=True), out=shape)
 
