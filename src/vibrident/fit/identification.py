@@ -96,12 +96,8 @@ def fit(
             reports=(DepartureReport(warnings=tuple(decays.decay_warnings(fitted.estimate))),),
         )
     else:
-
-        def fit_anew(alternative: SensorModel) -> Fitted:
-            return _fit_model(calibration, alternative, estimator, uncertainty, progress)
-
         fitted = _fit_model(calibration, sensor_model, estimator, uncertainty, progress)
-        return with_reference_named(with_remedy(fitted, fit_anew))
+        return with_reference_named(with_remedy(fitted, _refitted))
     return replace(fitted, reason=reason)
 
 

@@ -405,9 +405,10 @@ def _descended(
 ) -> list[Descended]:
     """Return the ends of descents from starts in a noise.
 
-    Unless ``all_starts``, up to one that explains everything; of two modes, several may.
+    Unless ``all_starts``, up to one that explains everything; of two modes, several may, unless it
+    is known where to start.
     """
-    all_starts = all_starts or bool(evidence.model.shares)
+    all_starts = all_starts or (evidence.start is None and bool(evidence.model.shares))
     ends: list[Descended] = []
     reason: Exception = NotConverged(NOT_FINITE)
     count = survey.observed.count

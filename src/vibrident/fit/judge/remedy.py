@@ -19,12 +19,12 @@ MIN_FREEDOM = 4
 MAX_SMALL_CHI2 = 1.5
 
 
-def with_remedy(fitted: Fitted, fit_anew: Callable[[SensorModel], Fitted]) -> Fitted:
+def with_remedy(fitted: Fitted, refitted: Callable[[Fitted], Fitted]) -> Fitted:
     """Return the fit, its judgement with the model that explains what its own does not, if any.
 
     Models are tried at the excited frequencies, from the values of the present one, and the likely
-    ones by one fit of the records from there. The χ² stated is what a user gets who asks for that
-    model: ``fit_anew`` fits it from nothing.
+    ones by one fit of the records from there. The χ² stated is that of the fit that explains, after
+    ``refitted``, as a user gets it who asks for that model.
     """
     evidence = fitted.evidence
     judgement = fitted.judgement
@@ -33,9 +33,9 @@ def with_remedy(fitted: Fitted, fit_anew: Callable[[SensorModel], Fitted]) -> Fi
         return fitted
     for candidate, values in itertools.islice(_likely_models(fitted), 2):
         try:
-            if not fitted.once(replace(evidence, model=candidate, start=values)).adequate:
-                continue
-            better = fit_anew(candidate)
+            better = fitted.once(replace(evidence, model=candidate, start=values))
+            if better.adequate:
+                better = refitted(better)
         except VibridentError:
             continue
         if better.adequate:
