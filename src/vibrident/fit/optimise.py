@@ -102,6 +102,7 @@ def levenberg_marquardt(
     *,
     moved: Callable[[FloatArray, FloatArray], FloatArray] = np.add,
     tolerance: float = 1e-9,
+    max_cost: float = np.inf,
     max_evaluations: int = 60,
     progress: Progress = silent,
 ) -> Trace:
@@ -122,6 +123,8 @@ def levenberg_marquardt(
         args: anything the objective needs.
         moved: coordinates and a step to the coordinates behind it, along any curve of that slope.
         tolerance: decrease of the cost that is not worth a step.
+        max_cost: cost above which that decrease grows in proportion to the cost: residuals are in
+            units of deviations that are too small.
         max_evaluations: of the objective.
         progress: called after each iteration.
 
@@ -140,7 +143,7 @@ def levenberg_marquardt(
     no_curvature = curvature = curvature_used = np.zeros((len(current.z), len(current.z)))
 
     def has_converged() -> bool:
-        min_gain = max(tolerance, 1e-15 * current.cost)
+        min_gain = max(tolerance * max(1.0, current.cost / max_cost), 1e-15 * current.cost)
         if current.gain < min_gain or _is_slow(iterates, tolerance):
             return True
         if not rejected:

@@ -246,23 +246,24 @@ class _Descents:
     def _repeated(self, evidence: Evidence, progress: Progress) -> _Descents:
         """Return these descents and more of a search at the delay of the best, with a model error.
 
-        Bins of very little noise mislead a model that does not suit them: they count for less.
+        Bins of very little noise mislead a model that does not suit them: they count for less. Ends
+        at which the noise alone would leave less than they do are no start: nothing explains there.
         """
         # A factor that is zero at a frequency carries no information there on other values.
         band = self.best.band.at_factors_of(self.survey.band.problem.frame.factor_values)
         observed = estimate_motion_and_noise(band)
-        wider = with_model_error(_without_model(band, observed), self.best, self.count)
+        weighting = _without_model(band, observed)
+        wider = with_model_error(weighting, self.best, self.count)
         survey = _Survey(band, replace(observed, weights=_weights(band, wider)))
         rough_ends = _descended(evidence, survey, wider, survey.places, progress, all_starts=True)
-        ends = _descended(
-            evidence,
-            self.survey,
-            self.weighting,
-            _different(rough_ends),
-            progress,
-            all_starts=True,
-        )
-        return replace(self, ends=[*self.ends, *ends])
+        most = MAX_EXPLAINED_COST * _squares_of_noise(band, weighting, wider)
+        starts = _different([end for end in rough_ends if end.at.cost < most])
+        ends = self.ends
+        if starts:
+            ends = ends + _descended(
+                evidence, self.survey, self.weighting, starts, progress, all_starts=True
+            )
+        return replace(self, ends=ends)
 
     def settled(self, evidence: Evidence, progress: Progress) -> Settled:
         """Return the estimate; with a model error where no descent explains the records."""
@@ -358,6 +359,18 @@ def with_model_error(weighting: Weighting, end: Descended, squares: float) -> We
     )
 
 
+def _squares_of_noise(band: Band, weighting: Weighting, wider: Weighting) -> float:
+    """Return the V in a wider noise that one noise alone leaves."""
+    total = 0.0
+    for group in band.groups:
+        for number in group.segments:
+            psd, _, _, excited = weighting.of_segment(number).at_bins(group.grid)
+            wider_psd = wider.of_segment(number).at_bins(group.grid)[0]
+            ratio = group.grid.counts * excited * psd / wider_psd
+            total += float(np.sum(ratio)) * group.grid.samples
+    return total
+
+
 def _neutral_values(evidence: Evidence) -> dict[str, float]:
     """Return values at which the inputs suit any place of the grid."""
     rate_hz = max(record.sampling_rate_hz for record in evidence.records)
@@ -411,18 +424,24 @@ def _descended(
     all_starts = all_starts or (evidence.start is None and bool(evidence.model.shares))
     ends: list[Descended] = []
     reason: Exception = NotConverged(NOT_FINITE)
-    count = survey.observed.count
+    most = MAX_START_COST * 2.0 * survey.observed.count
     for values in starts:
         try:
             band, coordinates = survey.at(evidence, values)
             end = descend(
-                band, coordinates, coordinates.first, weighting, START_TOLERANCE, progress
+                band,
+                coordinates,
+                coordinates.first,
+                weighting,
+                START_TOLERANCE,
+                progress,
+                max_cost=most,
             )
         except (NotConverged, InputError, np.linalg.LinAlgError) as error:
             reason = error
             continue
         ends.append(end)
-        if not all_starts and end.at.cost < MAX_START_COST * 2.0 * count:
+        if not all_starts and end.at.cost < most:
             break
     if not ends:
         raise reason
