@@ -97,7 +97,7 @@ def fit(
         )
     else:
         fitted = _fit_model(calibration, sensor_model, estimator, uncertainty, progress)
-        return with_reference_named(with_remedy(fitted, _refitted))
+        return with_reference_named(with_remedy(fitted))
     return replace(fitted, reason=reason)
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -70,8 +72,9 @@ def train(evidence: Evidence, method: Method, progress: Progress) -> Settled:
         NotConverged: no start leads to a finite fit.
     """
     best: _Descents | None = None
+    in_response = functools.cache(lambda: _in_response(evidence))
     for band, observed in _observations(evidence, method):
-        descents = _Descents.at(evidence, _Survey(band, observed), progress)
+        descents = _Descents.at(evidence, _Survey(band, observed), in_response, progress)
         if best is None or descents.cost_per_number < best.cost_per_number:
             best = descents
         if best.cost_per_number < MAX_START_COST:
@@ -203,18 +206,32 @@ class _Descents:
     ends: list[Descended]
 
     @classmethod
-    def at(cls, evidence: Evidence, survey: _Survey, progress: Progress) -> _Descents:
-        """Return the descents from the start values of a survey."""
+    def at(
+        cls,
+        evidence: Evidence,
+        survey: _Survey,
+        in_response: Callable[[], _InResponse],
+        progress: Progress,
+    ) -> _Descents:
+        """Return the descents from the start values of a survey.
+
+        Where none explains the records, more begin in the nonparametric response, and, unless that
+        refutes the model, in a search with a model error.
+        """
         weighting = _without_model(survey.band, survey.observed)
-        known = [] if evidence.start is None else [dict(evidence.start)]
-        starts = survey.starts(known or _in_response(evidence))
-        ends = _descended(evidence, survey, weighting, starts, progress)
+        known = [dict(evidence.start)] if evidence.start is not None else []
+        if not known and any(spec.start is not None for spec in evidence.model.parameters):
+            known = in_response().values
+        ends = _descended(evidence, survey, weighting, survey.starts(known), progress)
         descents = cls(survey, weighting, ends)
-        return (
-            descents
-            if known or descents.cost_per_number < MAX_START_COST
-            else descents._repeated(evidence, progress)
-        )
+        if evidence.start is not None or descents.cost_per_number < MAX_START_COST:
+            return descents
+        if not known and in_response().values:
+            with suppress(NotConverged, InputError, np.linalg.LinAlgError):
+                ends += _descended(evidence, survey, weighting, in_response().values, progress)
+        if descents.cost_per_number < MAX_START_COST or in_response().refutes:
+            return descents
+        return descents._repeated(evidence, progress)
 
     @property
     def count(self) -> float:
@@ -246,37 +263,33 @@ class _Descents:
     def _repeated(self, evidence: Evidence, progress: Progress) -> _Descents:
         """Return these descents and more of a search at the delay of the best, with a model error.
 
-        Bins of very little noise mislead a model that does not suit them: they count for less. Ends
-        at which the noise alone would leave less than they do are no start: nothing explains there.
+        Bins of very little noise mislead a model that does not suit them: they count for less.
         """
         # A factor that is zero at a frequency carries no information there on other values.
         band = self.best.band.at_factors_of(self.survey.band.problem.frame.factor_values)
         observed = estimate_motion_and_noise(band)
-        weighting = _without_model(band, observed)
-        wider = with_model_error(weighting, self.best, self.count)
+        wider = with_model_error(_without_model(band, observed), self.best, self.count)
         survey = _Survey(band, replace(observed, weights=_weights(band, wider)))
         rough_ends = _descended(evidence, survey, wider, survey.places, progress, all_starts=True)
-        most = MAX_EXPLAINED_COST * _squares_of_noise(band, weighting, wider)
-        starts = _different([end for end in rough_ends if end.at.cost < most])
-        ends = self.ends
-        if starts:
-            ends = ends + _descended(
-                evidence, self.survey, self.weighting, starts, progress, all_starts=True
-            )
-        return replace(self, ends=ends)
+        ends = _descended(
+            evidence,
+            self.survey,
+            self.weighting,
+            _different(rough_ends),
+            progress,
+            all_starts=True,
+        )
+        return replace(self, ends=[*self.ends, *ends])
 
     def settled(self, evidence: Evidence, progress: Progress) -> Settled:
         """Return the estimate; with a model error where no descent explains the records."""
         explains = self.cost_per_number < MAX_EXPLAINED_COST
         descents = self
-        places = [] if explains else self.survey.places
         for _ in range(0 if explains else MODEL_ERROR_ROUNDS):
             best = descents.best
             wider = with_model_error(self.weighting, best, self.count)
-            starts = [best.values, *places]
-            ends = _descended(evidence, self.survey, wider, starts, progress, all_starts=True)
+            ends = _descended(evidence, self.survey, wider, [best.values], progress)
             descents = replace(self, ends=ends)
-            places = _different(ends)[1:]
         settled = [
             settle(end, self.survey.observed, self.weighting, progress, explains=explains)
             for end in (descents.rivals if explains else [descents.best])
@@ -359,18 +372,6 @@ def with_model_error(weighting: Weighting, end: Descended, squares: float) -> We
     )
 
 
-def _squares_of_noise(band: Band, weighting: Weighting, wider: Weighting) -> float:
-    """Return the V in a wider noise that one noise alone leaves."""
-    total = 0.0
-    for group in band.groups:
-        for number in group.segments:
-            psd, _, _, excited = weighting.of_segment(number).at_bins(group.grid)
-            wider_psd = wider.of_segment(number).at_bins(group.grid)[0]
-            ratio = group.grid.counts * excited * psd / wider_psd
-            total += float(np.sum(ratio)) * group.grid.samples
-    return total
-
-
 def _neutral_values(evidence: Evidence) -> dict[str, float]:
     """Return values at which the inputs suit any place of the grid."""
     rate_hz = max(record.sampling_rate_hz for record in evidence.records)
@@ -381,19 +382,31 @@ def _neutral_values(evidence: Evidence) -> dict[str, float]:
     return values
 
 
-def _in_response(evidence: Evidence) -> list[dict[str, float]]:
-    """Return the best fit of the nonparametric response by a model that states start values.
+class _InResponse(NamedTuple):
+    """What the nonparametric response says of a model.
+
+    Attributes:
+        values: the best fit by name; empty where there is none.
+        refutes: whether it leaves so much that no start can explain the records.
+    """
+
+    values: list[dict[str, float]]
+    refutes: bool
+
+
+def _in_response(evidence: Evidence) -> _InResponse:
+    """Return the best fit of the nonparametric response.
 
     Its grid is coarse, and a descent in the logarithm of the magnitude has hardly any dead ends.
-    Empty for other models.
     """
-    problem = evidence.first_look
-    if problem is None or not any(spec.start is not None for spec in evidence.model.parameters):
-        return []
+    if evidence.first_look is None:
+        return _InResponse([], False)
     try:
-        return [find_start(problem, evidence.model).values]
+        start = find_start(evidence.first_look, evidence.model)
     except (NotConverged, np.linalg.LinAlgError):
-        return []
+        return _InResponse([], False)
+    freedom = start.equations - len(start.values)
+    return _InResponse([start.values], start.costs[-1] > MAX_EXPLAINED_COST * max(freedom, 1))
 
 
 def _with_delay(

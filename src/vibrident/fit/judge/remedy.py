@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from vibrident.base.amounts import plain
@@ -19,12 +19,11 @@ MIN_FREEDOM = 4
 MAX_SMALL_CHI2 = 1.5
 
 
-def with_remedy(fitted: Fitted, refitted: Callable[[Fitted], Fitted]) -> Fitted:
+def with_remedy(fitted: Fitted) -> Fitted:
     """Return the fit, its judgement with the model that explains what its own does not, if any.
 
     Models are tried at the excited frequencies, from the values of the present one, and the likely
-    ones by one fit of the records from there. The χ² stated is that of the fit that explains, after
-    ``refitted``, as a user gets it who asks for that model.
+    ones by one fit of the records from there.
     """
     evidence = fitted.evidence
     judgement = fitted.judgement
@@ -34,8 +33,6 @@ def with_remedy(fitted: Fitted, refitted: Callable[[Fitted], Fitted]) -> Fitted:
     for candidate, values in itertools.islice(_likely_models(fitted), 2):
         try:
             better = fitted.once(replace(evidence, model=candidate, start=values))
-            if better.adequate:
-                better = refitted(better)
         except VibridentError:
             continue
         if better.adequate:
