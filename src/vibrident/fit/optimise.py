@@ -140,10 +140,11 @@ def levenberg_marquardt(
     iterates = [current]
     damping = 1.0  # in units of the coordinates, which are near one
     rejected = 0
+    min_share = max(tolerance / max(max_cost, 1.0), 1e-15)
     no_curvature = curvature = curvature_used = np.zeros((len(current.z), len(current.z)))
 
     def has_converged() -> bool:
-        min_gain = max(tolerance * max(1.0, current.cost / max_cost), 1e-15 * current.cost)
+        min_gain = max(tolerance, min_share * current.cost)
         if current.gain < min_gain or _is_slow(iterates, tolerance):
             return True
         if not rejected:

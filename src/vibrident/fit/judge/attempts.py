@@ -152,10 +152,13 @@ def judged(evidence: Evidence, estimate: Estimate) -> Judgement:
 def _fit_and_judge(
     evidence: Evidence, estimator: Estimator, progress: Progress
 ) -> tuple[Estimate, Judgement]:
-    """Return an estimate, or its replacement where it is rejected, and the judgement."""
+    """Return an estimate, or its replacement where it is rejected, and the judgement.
+
+    There is none where no sensor explains the response.
+    """
     fitted = _estimated(evidence, estimator, progress)
     estimate, judgement = _judged_estimate(evidence, fitted)
-    if judgement.adequacy.adequate:
+    if judgement.adequacy.adequate or judgement.shares.is_of_no_sensor:
         return estimate, judgement
     replacement = estimator.where_rejected(evidence, fitted, progress)
     if replacement is None:

@@ -30,6 +30,8 @@ MAX_UNEXPLAINED = 0.01
 #: … or this many times the incoherent share, or as much as chance leaves with this probability.
 MAX_INCOHERENT_RATIO = 4.0
 MIN_PROBABILITY = 1e-6
+#: A response that is incoherent over more powers than this is no ringing within some bins.
+MAX_RINGING_FREEDOM = 100.0
 #: A sensor that changes leaves as much incoherent with the motion as its best model leaves
 #: unexplained; a fit that went astray leaves several times more unexplained.
 MIN_INCOHERENT_MISFIT = 0.1
@@ -60,6 +62,14 @@ class Shares:
             return False
         ratio = unexplained / max(incoherent, np.finfo(float).eps)
         return f_tail(self.freedom, self.freedom, ratio) <= MIN_PROBABILITY
+
+    @property
+    def is_of_no_sensor(self) -> bool:
+        """Return whether no linear sensor explains enough of the response to be tested.
+
+        Ringing in a resonance narrower than a bin looks incoherent, too, but within few bins.
+        """
+        return self.coherent < MIN_EXPLAINED and self.freedom > MAX_RINGING_FREEDOM
 
     @property
     def is_of_steady_sensor(self) -> bool:

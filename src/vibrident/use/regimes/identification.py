@@ -14,7 +14,7 @@ from vibrident.base.errors import VibridentError
 from vibrident.data.records import STATIONARY_EXCITATIONS, Calibration
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.document import Uncertainty, budget_of, document
-from vibrident.fit.uncertainty.explained import Shares
+from vibrident.fit.uncertainty.explained import MIN_EXPLAINED, Shares
 from vibrident.fit.uncertainty.parameters import parameter_units
 from vibrident.physics.models import model_of
 from vibrident.physics.naming import in_words
@@ -145,7 +145,8 @@ def _may_have_changed(calibration: Calibration, result: Result) -> bool:
         return False
     if not DOUBTS & set(result.warning_codes):
         return False
-    if Shares(result.fit.explained, result.fit.coherent).is_of_steady_sensor:
+    shares = Shares(result.fit.explained, result.fit.coherent)
+    if shares.is_of_steady_sensor or shares.coherent < MIN_EXPLAINED:
         return False
     excitation = records[0].excitation
     return excitation in STATIONARY_EXCITATIONS or (
