@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -74,11 +73,11 @@ def train(evidence: Evidence, method: Method, progress: Progress) -> Settled:
     best: _Descents | None = None
     in_response = functools.cache(lambda: _in_response(evidence))
     for band, observed in _observations(evidence, method):
+        if best is not None and (best.explains or in_response().refutes):
+            break
         descents = _Descents.at(evidence, _Survey(band, observed), in_response, progress)
         if best is None or descents.cost_per_number < best.cost_per_number:
             best = descents
-        if best.cost_per_number < MAX_START_COST:
-            break
     assert best is not None
     return best.settled(evidence, progress)
 
@@ -185,10 +184,25 @@ class _Survey:
         coordinates = Coordinates.at(evidence.model, values, band_hz, evidence.response_size)
         return self.band.at_delay_of(values).at_ringing_of(values), coordinates
 
-    def starts(self, known: Sequence[dict[str, float]]) -> Iterator[dict[str, float]]:
-        """Yield known values, and then the places."""
-        yield from known
-        yield from self.places
+    def starts(
+        self, evidence: Evidence, in_response: Callable[[], _InResponse]
+    ) -> Iterator[dict[str, float]]:
+        """Yield start values, the likeliest first: those known, and the places of the grid.
+
+        Beside the first place comes the nonparametric response, and no other where that refutes the
+        model. It comes first where the model states start values, as the grid is coarse then.
+        """
+        if evidence.start is not None or evidence.model.shares:
+            yield from [] if evidence.start is None else [dict(evidence.start)]
+            yield from self.places
+            return
+        stated = any(spec.start is not None for spec in evidence.model.parameters)
+        places = iter(self.places)
+        if not stated:
+            yield next(places)
+        yield from in_response().values
+        if stated or not in_response().refutes:
+            yield from places
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,21 +229,13 @@ class _Descents:
     ) -> _Descents:
         """Return the descents from the start values of a survey.
 
-        Where none explains the records, more begin in the nonparametric response, and, unless that
-        refutes the model, in a search with a model error.
+        Where none explains the records, more begin in a search with a model error, unless the
+        nonparametric response, ``in_response``, refutes the model.
         """
         weighting = _without_model(survey.band, survey.observed)
-        known = [dict(evidence.start)] if evidence.start is not None else []
-        if not known and any(spec.start is not None for spec in evidence.model.parameters):
-            known = in_response().values
-        ends = _descended(evidence, survey, weighting, survey.starts(known), progress)
-        descents = cls(survey, weighting, ends)
-        if evidence.start is not None or descents.cost_per_number < MAX_START_COST:
-            return descents
-        if not known and in_response().values:
-            with suppress(NotConverged, InputError, np.linalg.LinAlgError):
-                ends += _descended(evidence, survey, weighting, in_response().values, progress)
-        if descents.cost_per_number < MAX_START_COST or in_response().refutes:
+        starts = survey.starts(evidence, in_response)
+        descents = cls(survey, weighting, _descended(evidence, survey, weighting, starts, progress))
+        if evidence.start is not None or descents.explains or in_response().refutes:
             return descents
         return descents._repeated(evidence, progress)
 
@@ -259,6 +265,11 @@ class _Descents:
     def cost_per_number(self) -> float:
         """Return V of the best for each number that shows motion."""
         return self.best.at.cost / self.count if self.count else np.inf
+
+    @property
+    def explains(self) -> bool:
+        """Return whether the best leaves nothing but noise."""
+        return self.cost_per_number < MAX_START_COST
 
     def _repeated(self, evidence: Evidence, progress: Progress) -> _Descents:
         """Return these descents and more of a search at the delay of the best, with a model error.
