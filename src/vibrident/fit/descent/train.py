@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -38,7 +37,7 @@ from vibrident.fit.start.motion_and_noise import (
     estimate_motion_and_noise,
     loud_bins,
 )
-from vibrident.fit.start.start import find_start
+from vibrident.fit.start.start import Start, find_start
 from vibrident.physics.discretisation import Method
 from vibrident.physics.models import SensorModel
 
@@ -73,7 +72,7 @@ def train(evidence: Evidence, method: Method, progress: Progress) -> Settled:
     best: _Descents | None = None
     in_response = functools.cache(lambda: _in_response(evidence))
     for band, observed in _observations(evidence, method):
-        if best is not None and (best.explains or in_response().refutes):
+        if best is not None and (best.explains or _refute(in_response())):
             break
         descents = _Descents.at(evidence, _Survey(band, observed), in_response, progress)
         if best is None or descents.cost_per_number < best.cost_per_number:
@@ -185,7 +184,7 @@ class _Survey:
         return self.band.at_delay_of(values).at_ringing_of(values), coordinates
 
     def starts(
-        self, evidence: Evidence, in_response: Callable[[], _InResponse]
+        self, evidence: Evidence, in_response: Callable[[], Sequence[Start]]
     ) -> Iterator[dict[str, float]]:
         """Yield start values, the likeliest first: those known, and the places of the grid.
 
@@ -200,8 +199,8 @@ class _Survey:
         places = iter(self.places)
         if not stated:
             yield next(places)
-        yield from in_response().values
-        if stated or not in_response().refutes:
+        yield from (start.values for start in in_response())
+        if stated or not _refute(in_response()):
             yield from places
 
 
@@ -224,7 +223,7 @@ class _Descents:
         cls,
         evidence: Evidence,
         survey: _Survey,
-        in_response: Callable[[], _InResponse],
+        in_response: Callable[[], Sequence[Start]],
         progress: Progress,
     ) -> _Descents:
         """Return the descents from the start values of a survey.
@@ -235,7 +234,7 @@ class _Descents:
         weighting = _without_model(survey.band, survey.observed)
         starts = survey.starts(evidence, in_response)
         descents = cls(survey, weighting, _descended(evidence, survey, weighting, starts, progress))
-        if evidence.start is not None or descents.explains or in_response().refutes:
+        if evidence.start is not None or descents.explains or _refute(in_response()):
             return descents
         return descents._repeated(evidence, progress)
 
@@ -303,7 +302,7 @@ class _Descents:
             descents = replace(self, ends=ends)
         settled = [
             settle(end, self.survey.observed, self.weighting, progress, explains=explains)
-            for end in (descents.rivals if explains else [descents.best])
+            for end in descents.rivals
         ]
         return min(settled, key=lambda estimate: estimate.minus_two_log_likelihood)
 
@@ -393,31 +392,20 @@ def _neutral_values(evidence: Evidence) -> dict[str, float]:
     return values
 
 
-class _InResponse(NamedTuple):
-    """What the nonparametric response says of a model.
-
-    Attributes:
-        values: the best fit by name; empty where there is none.
-        refutes: whether it leaves so much that no start can explain the records.
-    """
-
-    values: list[dict[str, float]]
-    refutes: bool
-
-
-def _in_response(evidence: Evidence) -> _InResponse:
-    """Return the best fit of the nonparametric response.
+def _in_response(evidence: Evidence) -> Sequence[Start]:
+    """Return the best fit of the nonparametric response; empty where there is none.
 
     Its grid is coarse, and a descent in the logarithm of the magnitude has hardly any dead ends.
     """
-    if evidence.first_look is None:
-        return _InResponse([], False)
     try:
-        start = find_start(evidence.first_look, evidence.model)
+        return [find_start(evidence.first_look, evidence.model)] if evidence.first_look else []
     except (NotConverged, np.linalg.LinAlgError):
-        return _InResponse([], False)
-    freedom = start.equations - len(start.values)
-    return _InResponse([start.values], start.costs[-1] > MAX_EXPLAINED_COST * max(freedom, 1))
+        return []
+
+
+def _refute(starts: Sequence[Start]) -> bool:
+    """Return whether a best fit leaves so much that no start can explain the records."""
+    return any(start.chi2_reduced > MAX_EXPLAINED_COST for start in starts)
 
 
 def _with_delay(

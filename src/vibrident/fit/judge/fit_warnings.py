@@ -122,11 +122,12 @@ def _warn_of_misreading(fitted: Fitted) -> list[ResultWarning]:
     problem = evidence.first_look
     if problem is None:
         return []
+    freedom = max(problem.equations - len(evidence.model.parameter_names), 1)
     for text, reading, shrinkage in _readings(problem, evidence.calibration.table):
-        cost, freedom = _cost(reading, evidence.model, max_reduced=MAX_CHI2_REDUCED)
+        cost = _cost(reading, evidence.model, max_cost=MAX_CHI2_REDUCED * freedom)
         if not cost < MAX_CHI2_REDUCED:
             continue
-        declared, _ = _cost(problem, evidence.model, fitted.estimate.begin)
+        declared = _cost(problem, evidence.model, fitted.estimate.begin)
         ratio = declared / max(cost, np.finfo(float).tiny) * shrinkage
         worse = (
             remedy_chi2 is not None
@@ -143,19 +144,17 @@ def _cost(
     problem: FrequencyProblem,
     model: SensorModel,
     known_start: Start | None = None,
-    max_reduced: float = np.inf,
-) -> tuple[float, int]:
-    """Return the cost of the best start over its degrees of freedom, and these.
+    max_cost: float = np.inf,
+) -> float:
+    """Return the cost of the best start over its degrees of freedom.
 
-    The cost is infinite where it is above ``max_reduced``; ``known_start``: a start found before.
+    It is infinite where no cost is below ``max_cost``; ``known_start``: a start found before.
     """
-    max_cost = max_reduced * max(problem.equations - len(model.parameter_names), 1)
     try:
         start = known_start or find_start(problem, model, max_cost)
     except VibridentError:
-        return float("inf"), 0
-    freedom = int(start.equations - len(start.values))
-    return start.costs[-1] / max(freedom, 1), freedom
+        return float("inf")
+    return start.chi2_reduced
 
 
 def _in_angular_frequencies(table: ResponseTable | None) -> bool:

@@ -75,6 +75,11 @@ class Start:
     path: tuple[dict[str, float], ...]
     other_optima: tuple[tuple[dict[str, float], float], ...] = ()
 
+    @property
+    def chi2_reduced(self) -> float:
+        """Return the cost at the end of the path over its degrees of freedom."""
+        return self.costs[-1] / max(self.equations - len(self.values), 1)
+
 
 def find_start(problem: FrequencyProblem, model: SensorModel, most: float = np.inf) -> Start:
     """Return the best fit of the nonparametric response from all candidates.
