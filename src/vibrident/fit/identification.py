@@ -180,6 +180,8 @@ def _fit_drive(
             numbers = plain.estimate.equations
             ratio = misfit / max(misfit_held, np.finfo(float).tiny)
             return held if f_tail(numbers, numbers, ratio) < REJECTION else plain
+        if not evidence.model.has_delay:
+            return held
         # A hold is half a sample of delay: where no stairs are seen, none explains as well.
         near_held = Fitted.from_evidence(replace(evidence, start=held.values), chosen, progress)
         return replace(near_held, evidence=evidence) if near_held.adequate else held
