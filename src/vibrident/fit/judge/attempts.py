@@ -154,11 +154,12 @@ def _fit_and_judge(
 ) -> tuple[Estimate, Judgement]:
     """Return an estimate, or its replacement where it is rejected, and the judgement.
 
-    There is none where no sensor explains the response.
+    There is none of records where no other place may explain more of the response.
     """
     fitted = _estimated(evidence, estimator, progress)
     estimate, judgement = _judged_estimate(evidence, fitted)
-    if judgement.adequacy.adequate or judgement.shares.is_of_no_sensor:
+    in_vain = estimate.in_noise is not None and not judgement.shares.may_rise
+    if judgement.adequacy.adequate or in_vain:
         return estimate, judgement
     replacement = estimator.where_rejected(evidence, fitted, progress)
     if replacement is None:

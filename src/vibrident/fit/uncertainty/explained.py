@@ -64,12 +64,16 @@ class Shares:
         return f_tail(self.freedom, self.freedom, ratio) <= MIN_PROBABILITY
 
     @property
-    def is_of_no_sensor(self) -> bool:
-        """Return whether no linear sensor explains enough of the response to be tested.
+    def may_rise(self) -> bool:
+        """Return whether other parameters may explain more.
 
+        They do not where the model leaves little beside what is incoherent, or where that is all.
         Ringing in a resonance narrower than a bin looks incoherent, too, but within few bins.
         """
-        return self.coherent < MIN_EXPLAINED and self.freedom > MAX_RINGING_FREEDOM
+        unexplained = MAX_INCOHERENT_RATIO * (1.0 - self.coherent)
+        explains_all = 1.0 - self.explained < min(unexplained, MIN_EXPLAINED)
+        is_noise = self.coherent < MIN_EXPLAINED and self.freedom > MAX_RINGING_FREEDOM
+        return not (explains_all or is_noise)
 
     @property
     def is_of_steady_sensor(self) -> bool:
