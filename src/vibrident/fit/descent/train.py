@@ -72,7 +72,7 @@ def train(evidence: Evidence, method: Method, progress: Progress) -> Settled:
     best: _Descents | None = None
     in_response = functools.cache(lambda: _in_response(evidence))
     for band, observed in _observations(evidence, method):
-        if best is not None and (best.explains or _refute(in_response())):
+        if best is not None and best.suffices(in_response):
             break
         descents = _Descents.at(evidence, _Survey(band, observed), in_response, progress)
         if best is None or descents.cost_per_number < best.cost_per_number:
@@ -234,7 +234,7 @@ class _Descents:
         weighting = _without_model(survey.band, survey.observed)
         starts = survey.starts(evidence, in_response)
         descents = cls(survey, weighting, _descended(evidence, survey, weighting, starts, progress))
-        if evidence.start is not None or descents.explains or _refute(in_response()):
+        if evidence.start is not None or descents.suffices(in_response):
             return descents
         return descents._repeated(evidence, progress)
 
@@ -265,10 +265,11 @@ class _Descents:
         """Return V of the best for each number that shows motion."""
         return self.best.at.cost / self.count if self.count else np.inf
 
-    @property
-    def explains(self) -> bool:
-        """Return whether the best leaves nothing but noise."""
-        return self.cost_per_number < MAX_START_COST
+    def suffices(self, in_response: Callable[[], Sequence[Start]]) -> bool:
+        """Return whether the best leaves nothing but noise, or no start can explain the records."""
+        if self.cost_per_number < MAX_EXPLAINED_COST:
+            return self.cost_per_number < MAX_START_COST
+        return _refute(in_response())
 
     def _repeated(self, evidence: Evidence, progress: Progress) -> _Descents:
         """Return these descents and more of a search at the delay of the best, with a model error.
@@ -436,7 +437,7 @@ def _descended(
     all_starts = all_starts or (evidence.start is None and bool(evidence.model.shares))
     ends: list[Descended] = []
     reason: Exception = NotConverged(NOT_FINITE)
-    most = MAX_START_COST * 2.0 * survey.observed.count
+    numbers = 2.0 * survey.observed.count
     for values in starts:
         try:
             band, coordinates = survey.at(evidence, values)
@@ -447,13 +448,13 @@ def _descended(
                 weighting,
                 START_TOLERANCE,
                 progress,
-                max_cost=most,
+                max_cost=MAX_EXPLAINED_COST * numbers,
             )
         except (NotConverged, InputError, np.linalg.LinAlgError) as error:
             reason = error
             continue
         ends.append(end)
-        if not all_starts and end.at.cost < most:
+        if not all_starts and end.at.cost < MAX_START_COST * numbers:
             break
     if not ends:
         raise reason
