@@ -172,21 +172,18 @@ def _oscillator_that_explains(fitted: Fitted) -> tuple[float, float] | None:
     inner_hz = np.geomspace(lowest, highest, PLACES + 2)[1:-1]
     places = np.log(list(itertools.product(inner_hz, DAMPINGS)))
     points = fitted.evidence.quantity, hz, adequacy.measured, adequacy.relative_deviation
-    ends = []
     with np.errstate(all="ignore"):
-        for above in (True, False):
-            points_beside = BesideOscillator(coordinates, *points, above)
-            ends.append(
-                levenberg_marquardt(
-                    points_beside,
-                    points_beside.best_of_grid(z, places),
-                    None,
-                    moved=lambda x, step: np.clip(x + step, low, high),
-                    tolerance=TOLERANCE,
-                    max_cost=2.0 * hz.size,
-                )
-            )
-    best = min(ends, key=lambda trace: trace.costs[-1])
+        sides = [BesideOscillator(coordinates, *points, above) for above in (True, False)]
+        begins = [side.best_of_grid(z, places) for side in sides]
+        better = int(np.argmin([side(x).cost for side, x in zip(sides, begins, strict=True)]))
+        best = levenberg_marquardt(
+            sides[better],
+            begins[better],
+            None,
+            moved=lambda x, step: np.clip(x + step, low, high),
+            tolerance=TOLERANCE,
+            max_cost=2.0 * hz.size,
+        )
     ratio = adequacy.measured / fitted.response(hz)
     before = float(_cauchy(_parts(np.log(ratio) / adequacy.relative_deviation)))
     if not best.costs[-1] < MAX_REMAINING_SHARE * before:
