@@ -431,8 +431,8 @@ def _descended(
 ) -> list[Descended]:
     """Return the ends of descents from starts in a noise.
 
-    Unless ``all_starts``, up to one that explains everything; of two modes, several may, unless it
-    is known where to start.
+    Unless ``all_starts``, up to one that explains everything, or to the values that are known where
+    these lead to a misfit; of two modes several starts may explain, unless values are known.
     """
     all_starts = all_starts or (evidence.start is None and bool(evidence.model.shares))
     ends: list[Descended] = []
@@ -454,7 +454,9 @@ def _descended(
             reason = error
             continue
         ends.append(end)
-        if not all_starts and end.at.cost < MAX_START_COST * numbers:
+        cost = end.at.cost / numbers if numbers else np.inf
+        is_misfit = evidence.start is not None and cost >= MAX_EXPLAINED_COST
+        if not all_starts and (cost < MAX_START_COST or is_misfit):
             break
     if not ends:
         raise reason
