@@ -269,7 +269,7 @@ class _Descents:
         """Return whether the best leaves nothing but noise, or no start can explain the records."""
         if self.cost_per_number < MAX_EXPLAINED_COST:
             return self.cost_per_number < MAX_START_COST
-        return not self.count or _refute(in_response())
+        return _refute(in_response())
 
     def _repeated(self, evidence: Evidence, progress: Progress) -> _Descents:
         """Return these descents and more of a search at the delay of the best, with a model error.
