@@ -67,13 +67,16 @@ class Shares:
     def may_rise(self) -> bool:
         """Return whether other parameters may explain more.
 
-        They do not where the model leaves little beside what is incoherent, or where that is all.
-        Ringing in a resonance narrower than a bin looks incoherent, too, but within few bins.
+        They do not where nearly all is coherent and the model leaves little beside the remainder,
+        or where nothing is. Ringing in a resonance narrower than a bin looks incoherent, too, but
+        within few bins.
         """
-        unexplained = MAX_INCOHERENT_RATIO * (1.0 - self.coherent)
-        explains_all = 1.0 - self.explained < min(unexplained, MIN_EXPLAINED)
+        incoherent = 1.0 - self.coherent
         is_noise = self.coherent < MIN_EXPLAINED and self.freedom > MAX_RINGING_FREEDOM
-        return not (explains_all or is_noise)
+        explains_all = incoherent < MIN_EXPLAINED and (
+            1.0 - self.explained < MAX_INCOHERENT_RATIO * incoherent
+        )
+        return not (is_noise or explains_all)
 
     @property
     def is_of_steady_sensor(self) -> bool:
