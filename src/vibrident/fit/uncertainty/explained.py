@@ -33,8 +33,8 @@ MIN_PROBABILITY = 1e-6
 #: A response that is incoherent over more powers than this is no ringing within some bins.
 MAX_RINGING_FREEDOM = 100.0
 #: A sensor that changes leaves as much incoherent with the motion as its best model leaves
-#: unexplained; a fit that went astray leaves several times more unexplained.
-MIN_INCOHERENT_MISFIT = 0.1
+#: unexplained. Where more than half of that is coherent, no change and no clock makes it half.
+MIN_INCOHERENT_MISFIT = 0.5
 
 
 @dataclass(frozen=True)

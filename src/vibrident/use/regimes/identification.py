@@ -142,11 +142,14 @@ def _period(regime: PieceEstimate, rate_hz: float) -> int:
 
 
 def _may_have_changed(calibration: Calibration, result: Result) -> bool:
-    """Return whether a fit is doubtful, and of one record whose motion is alike throughout."""
+    """Return whether a fit is doubtful, and of one record whose motion is alike throughout.
+
+    It is not where another model explains the record.
+    """
     records = calibration.records
     if len(records) != 1 or records[0].optical is not None:
         return False
-    if not DOUBTS & set(result.warning_codes):
+    if not DOUBTS & set(result.warning_codes) or "explained_by" in result.settings:
         return False
     if Shares(result.fit.explained, result.fit.coherent).is_of_steady_sensor:
         return False
