@@ -64,19 +64,25 @@ class Shares:
         return f_tail(self.freedom, self.freedom, ratio) <= MIN_PROBABILITY
 
     @property
+    def is_noise(self) -> bool:
+        """Return whether nothing of the response has to do with the motion.
+
+        Ringing in a resonance narrower than a bin looks so, too, but within few bins.
+        """
+        return self.coherent < MIN_EXPLAINED and self.freedom > MAX_RINGING_FREEDOM
+
+    @property
     def may_rise(self) -> bool:
         """Return whether other parameters may explain more.
 
         They do not where nearly all is coherent and the model leaves little beside the remainder,
-        or where nothing is. Ringing in a resonance narrower than a bin looks incoherent, too, but
-        within few bins.
+        or where nothing is.
         """
         incoherent = 1.0 - self.coherent
-        is_noise = self.coherent < MIN_EXPLAINED and self.freedom > MAX_RINGING_FREEDOM
         explains_all = incoherent < MIN_EXPLAINED and (
             1.0 - self.explained < MAX_INCOHERENT_RATIO * incoherent
         )
-        return not (is_noise or explains_all)
+        return not (self.is_noise or explains_all)
 
     @property
     def is_of_steady_sensor(self) -> bool:
