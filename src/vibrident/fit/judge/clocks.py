@@ -44,7 +44,7 @@ def at_one_clock(fitted: Fitted) -> Fitted:
         if fitted.adequate and not departure_names(fitted) & {CLOCKS.name, CHANGE}:
             return fitted
         shares = fitted.judgement.shares
-        if _is_stationary(fitted) and (shares.is_of_steady_sensor or shares.is_noise):
+        if _is_stationary(fitted) and (shares.is_of_steady_sensor or shares.is_incoherent):
             return fitted
     settled = _settle_offset(fitted, known)
     if settled is None:

@@ -64,25 +64,24 @@ class Shares:
         return f_tail(self.freedom, self.freedom, ratio) <= MIN_PROBABILITY
 
     @property
-    def is_noise(self) -> bool:
-        """Return whether nothing of the response has to do with the motion.
-
-        Ringing in a resonance narrower than a bin looks so, too, but within few bins.
-        """
-        return self.coherent < MIN_EXPLAINED and self.freedom > MAX_RINGING_FREEDOM
+    def is_incoherent(self) -> bool:
+        """Return whether no smooth response to the motion explains enough to be tested."""
+        return self.coherent < MIN_EXPLAINED
 
     @property
     def may_rise(self) -> bool:
         """Return whether other parameters may explain more.
 
         They do not where nearly all is coherent and the model leaves little beside the remainder,
-        or where nothing is.
+        or where nothing is. Ringing in a resonance narrower than a bin looks incoherent, too, but
+        within few bins.
         """
         incoherent = 1.0 - self.coherent
         explains_all = incoherent < MIN_EXPLAINED and (
             1.0 - self.explained < MAX_INCOHERENT_RATIO * incoherent
         )
-        return not (self.is_noise or explains_all)
+        is_noise = self.is_incoherent and self.freedom > MAX_RINGING_FREEDOM
+        return not (is_noise or explains_all)
 
     @property
     def is_of_steady_sensor(self) -> bool:
