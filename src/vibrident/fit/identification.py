@@ -96,12 +96,8 @@ def fit(
             reports=(DepartureReport(warnings=tuple(decays.decay_warnings(fitted.estimate))),),
         )
     else:
-
-        def fit_anew(alternative: SensorModel) -> Fitted:
-            return _fit_model(calibration, alternative, estimator, uncertainty, progress)
-
         fitted = _fit_model(calibration, sensor_model, estimator, uncertainty, progress)
-        return with_reference_named(with_remedy(fitted, fit_anew))
+        return with_reference_named(with_remedy(fitted))
     return replace(fitted, reason=reason)
 
 
@@ -184,6 +180,8 @@ def _fit_drive(
             numbers = plain.estimate.equations
             ratio = misfit / max(misfit_held, np.finfo(float).tiny)
             return held if f_tail(numbers, numbers, ratio) < REJECTION else plain
+        if not evidence.model.has_delay:
+            return held
         # A hold is half a sample of delay: where no stairs are seen, none explains as well.
         near_held = Fitted.from_evidence(replace(evidence, start=held.values), chosen, progress)
         return replace(near_held, evidence=evidence) if near_held.adequate else held

@@ -102,6 +102,7 @@ def levenberg_marquardt(
     *,
     moved: Callable[[FloatArray, FloatArray], FloatArray] = np.add,
     tolerance: float = 1e-9,
+    max_cost: float = np.inf,
     max_evaluations: int = 60,
     progress: Progress = silent,
 ) -> Trace:
@@ -122,6 +123,8 @@ def levenberg_marquardt(
         args: anything the objective needs.
         moved: coordinates and a step to the coordinates behind it, along any curve of that slope.
         tolerance: decrease of the cost that is not worth a step.
+        max_cost: cost above which that decrease grows in proportion to the cost: residuals are in
+            units of deviations that are too small.
         max_evaluations: of the objective.
         progress: called after each iteration.
 
@@ -137,10 +140,11 @@ def levenberg_marquardt(
     iterates = [current]
     damping = 1.0  # in units of the coordinates, which are near one
     rejected = 0
+    min_share = max(tolerance / max(max_cost, 1.0), 1e-15)
     no_curvature = curvature = curvature_used = np.zeros((len(current.z), len(current.z)))
 
     def has_converged() -> bool:
-        min_gain = max(tolerance, 1e-15 * current.cost)
+        min_gain = max(tolerance, min_share * current.cost)
         if current.gain < min_gain or _is_slow(iterates, tolerance):
             return True
         if not rejected:

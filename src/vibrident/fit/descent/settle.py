@@ -283,8 +283,12 @@ def descend(
     weighting: Weighting,
     tolerance: float,
     progress: Progress,
+    *,
+    max_cost: float = np.inf,
 ) -> Descended:
     """Return where V descends to, with the inputs moved to the delay on the way.
+
+    ``max_cost``: V above which it is misfit, and its decreases count in proportion to it.
 
     Raises:
         NotConverged: V is not finite at z.
@@ -292,7 +296,13 @@ def descend(
     for move in range(MAX_MOVES):
         objective = Objective(band, coordinates, weighting.of_groups(band))
         trace = levenberg_marquardt(
-            objective, z, None, moved=coordinates.moved, tolerance=tolerance, progress=progress
+            objective,
+            z,
+            None,
+            moved=coordinates.moved,
+            tolerance=tolerance,
+            max_cost=max_cost,
+            progress=progress,
         )
         z = trace.last
         end = objective.at(z)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,7 +37,7 @@ from vibrident.fit.start.motion_and_noise import (
     estimate_motion_and_noise,
     loud_bins,
 )
-from vibrident.fit.start.start import find_start
+from vibrident.fit.start.start import Start, find_start
 from vibrident.physics.discretisation import Method
 from vibrident.physics.models import SensorModel
 
@@ -70,12 +70,13 @@ def train(evidence: Evidence, method: Method, progress: Progress) -> Settled:
         NotConverged: no start leads to a finite fit.
     """
     best: _Descents | None = None
+    in_response = functools.cache(lambda: _in_response(evidence))
     for band, observed in _observations(evidence, method):
-        descents = _Descents.at(evidence, _Survey(band, observed), progress)
+        if best is not None and best.suffices(in_response):
+            break
+        descents = _Descents.at(evidence, _Survey(band, observed), in_response, progress)
         if best is None or descents.cost_per_number < best.cost_per_number:
             best = descents
-        if best.cost_per_number < MAX_START_COST:
-            break
     assert best is not None
     return best.settled(evidence, progress)
 
@@ -182,10 +183,25 @@ class _Survey:
         coordinates = Coordinates.at(evidence.model, values, band_hz, evidence.response_size)
         return self.band.at_delay_of(values).at_ringing_of(values), coordinates
 
-    def starts(self, known: Sequence[dict[str, float]]) -> Iterator[dict[str, float]]:
-        """Yield known values, and then the places."""
-        yield from known
-        yield from self.places
+    def starts(
+        self, evidence: Evidence, in_response: Callable[[], Sequence[Start]]
+    ) -> Iterator[dict[str, float]]:
+        """Yield start values, the likeliest first: those known, and the places of the grid.
+
+        Beside the first place comes the nonparametric response, and no other where that refutes the
+        model. It comes first where the model states start values, as the grid is coarse then.
+        """
+        if evidence.start is not None or evidence.model.shares:
+            yield from [] if evidence.start is None else [dict(evidence.start)]
+            yield from self.places
+            return
+        stated = any(spec.start is not None for spec in evidence.model.parameters)
+        places = iter(self.places)
+        if not stated:
+            yield next(places)
+        yield from (start.values for start in in_response())
+        if stated or not _refute(in_response()):
+            yield from places
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,18 +219,24 @@ class _Descents:
     ends: list[Descended]
 
     @classmethod
-    def at(cls, evidence: Evidence, survey: _Survey, progress: Progress) -> _Descents:
-        """Return the descents from the start values of a survey."""
+    def at(
+        cls,
+        evidence: Evidence,
+        survey: _Survey,
+        in_response: Callable[[], Sequence[Start]],
+        progress: Progress,
+    ) -> _Descents:
+        """Return the descents from the start values of a survey.
+
+        Where none explains the records, more begin in a search with a model error, unless the
+        nonparametric response, ``in_response``, refutes the model.
+        """
         weighting = _without_model(survey.band, survey.observed)
-        known = [] if evidence.start is None else [dict(evidence.start)]
-        starts = survey.starts(known or _in_response(evidence))
-        ends = _descended(evidence, survey, weighting, starts, progress)
-        descents = cls(survey, weighting, ends)
-        return (
-            descents
-            if known or descents.cost_per_number < MAX_START_COST
-            else descents._repeated(evidence, progress)
-        )
+        starts = survey.starts(evidence, in_response)
+        descents = cls(survey, weighting, _descended(evidence, survey, weighting, starts, progress))
+        if evidence.start is not None or descents.suffices(in_response):
+            return descents
+        return descents._repeated(evidence, progress)
 
     @property
     def count(self) -> float:
@@ -243,6 +265,12 @@ class _Descents:
         """Return V of the best for each number that shows motion."""
         return self.best.at.cost / self.count if self.count else np.inf
 
+    def suffices(self, in_response: Callable[[], Sequence[Start]]) -> bool:
+        """Return whether the best leaves nothing but noise, or no start can explain the records."""
+        if self.cost_per_number < MAX_EXPLAINED_COST:
+            return self.cost_per_number < MAX_START_COST
+        return _refute(in_response())
+
     def _repeated(self, evidence: Evidence, progress: Progress) -> _Descents:
         """Return these descents and more of a search at the delay of the best, with a model error.
 
@@ -268,17 +296,14 @@ class _Descents:
         """Return the estimate; with a model error where no descent explains the records."""
         explains = self.cost_per_number < MAX_EXPLAINED_COST
         descents = self
-        places = [] if explains else self.survey.places
         for _ in range(0 if explains else MODEL_ERROR_ROUNDS):
             best = descents.best
             wider = with_model_error(self.weighting, best, self.count)
-            starts = [best.values, *places]
-            ends = _descended(evidence, self.survey, wider, starts, progress, all_starts=True)
+            ends = _descended(evidence, self.survey, wider, [best.values], progress)
             descents = replace(self, ends=ends)
-            places = _different(ends)[1:]
         settled = [
             settle(end, self.survey.observed, self.weighting, progress, explains=explains)
-            for end in (descents.rivals if explains else [descents.best])
+            for end in descents.rivals
         ]
         return min(settled, key=lambda estimate: estimate.minus_two_log_likelihood)
 
@@ -368,19 +393,20 @@ def _neutral_values(evidence: Evidence) -> dict[str, float]:
     return values
 
 
-def _in_response(evidence: Evidence) -> list[dict[str, float]]:
-    """Return the best fit of the nonparametric response by a model that states start values.
+def _in_response(evidence: Evidence) -> Sequence[Start]:
+    """Return the best fit of the nonparametric response; empty where there is none.
 
     Its grid is coarse, and a descent in the logarithm of the magnitude has hardly any dead ends.
-    Empty for other models.
     """
-    problem = evidence.first_look
-    if problem is None or not any(spec.start is not None for spec in evidence.model.parameters):
-        return []
     try:
-        return [find_start(problem, evidence.model).values]
+        return [find_start(evidence.first_look, evidence.model)] if evidence.first_look else []
     except (NotConverged, np.linalg.LinAlgError):
         return []
+
+
+def _refute(starts: Sequence[Start]) -> bool:
+    """Return whether a best fit leaves so much that no start can explain the records."""
+    return any(start.chi2_reduced > MAX_EXPLAINED_COST for start in starts)
 
 
 def _with_delay(
@@ -405,23 +431,32 @@ def _descended(
 ) -> list[Descended]:
     """Return the ends of descents from starts in a noise.
 
-    Unless ``all_starts``, up to one that explains everything; of two modes, several may.
+    Unless ``all_starts``, up to one that explains everything, or to the values that are known where
+    these lead to a misfit; of two modes several starts may explain, unless values are known.
     """
-    all_starts = all_starts or bool(evidence.model.shares)
+    all_starts = all_starts or (evidence.start is None and bool(evidence.model.shares))
     ends: list[Descended] = []
     reason: Exception = NotConverged(NOT_FINITE)
-    count = survey.observed.count
+    numbers = 2.0 * survey.observed.count
     for values in starts:
         try:
             band, coordinates = survey.at(evidence, values)
             end = descend(
-                band, coordinates, coordinates.first, weighting, START_TOLERANCE, progress
+                band,
+                coordinates,
+                coordinates.first,
+                weighting,
+                START_TOLERANCE,
+                progress,
+                max_cost=MAX_EXPLAINED_COST * numbers,
             )
         except (NotConverged, InputError, np.linalg.LinAlgError) as error:
             reason = error
             continue
         ends.append(end)
-        if not all_starts and end.at.cost < MAX_START_COST * 2.0 * count:
+        cost = end.at.cost / numbers if numbers else np.inf
+        is_misfit = evidence.start is not None and cost >= MAX_EXPLAINED_COST
+        if not all_starts and (cost < MAX_START_COST or is_misfit):
             break
     if not ends:
         raise reason

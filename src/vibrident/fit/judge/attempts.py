@@ -152,10 +152,14 @@ def judged(evidence: Evidence, estimate: Estimate) -> Judgement:
 def _fit_and_judge(
     evidence: Evidence, estimator: Estimator, progress: Progress
 ) -> tuple[Estimate, Judgement]:
-    """Return an estimate, or its replacement where it is rejected, and the judgement."""
+    """Return an estimate, or its replacement where it is rejected, and the judgement.
+
+    There is none of records where no other place may explain more of the response.
+    """
     fitted = _estimated(evidence, estimator, progress)
     estimate, judgement = _judged_estimate(evidence, fitted)
-    if judgement.adequacy.adequate:
+    in_vain = estimate.in_noise is not None and not judgement.shares.may_rise
+    if judgement.adequacy.adequate or in_vain:
         return estimate, judgement
     replacement = estimator.where_rejected(evidence, fitted, progress)
     if replacement is None:

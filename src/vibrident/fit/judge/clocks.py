@@ -43,7 +43,8 @@ def at_one_clock(fitted: Fitted) -> Fitted:
         fitted = replace(fitted, departures=departures_of(fitted))
         if fitted.adequate and not departure_names(fitted) & {CLOCKS.name, CHANGE}:
             return fitted
-        if _is_stationary(fitted) and fitted.judgement.shares.is_of_steady_sensor:
+        shares = fitted.judgement.shares
+        if _is_stationary(fitted) and (shares.is_of_steady_sensor or shares.is_incoherent):
             return fitted
     settled = _settle_offset(fitted, known)
     if settled is None:

@@ -122,22 +122,19 @@ def _warn_of_misreading(fitted: Fitted) -> list[ResultWarning]:
     problem = evidence.first_look
     if problem is None:
         return []
-    declared, freedom = _cost(problem, evidence.model, fitted.estimate.begin)
-    max_cost = min(declared / MIN_IMPROVEMENT, MAX_CHI2_REDUCED) * freedom
+    freedom = max(problem.equations - len(evidence.model.parameter_names), 1)
     for text, reading, shrinkage in _readings(problem, evidence.calibration.table):
-        cost, _ = _cost(reading, evidence.model, max_cost=max_cost)
+        cost = _cost(reading, evidence.model, max_cost=MAX_CHI2_REDUCED * freedom)
+        if not cost < MAX_CHI2_REDUCED:
+            continue
+        declared = _cost(problem, evidence.model, fitted.estimate.begin)
         ratio = declared / max(cost, np.finfo(float).tiny) * shrinkage
         worse = (
             remedy_chi2 is not None
             and f_tail(1, freedom, (cost - remedy_chi2) * freedom / max(remedy_chi2, 1.0))
             < MAX_CHANCE
         )
-        if (
-            ratio > MIN_IMPROVEMENT
-            and cost < MAX_CHI2_REDUCED
-            and f_tail(freedom, freedom, ratio) < MAX_CHANCE
-            and not worse
-        ):
+        if ratio > MIN_IMPROVEMENT and f_tail(freedom, freedom, ratio) < MAX_CHANCE and not worse:
             text = f"{text} (χ²/dof {cost:.3g} in place of {declared:.3g})."
             return [ResultWarning("units_suspect", text)]
     return []
@@ -148,17 +145,16 @@ def _cost(
     model: SensorModel,
     known_start: Start | None = None,
     max_cost: float = np.inf,
-) -> tuple[float, int]:
-    """Return the cost of the best start over its degrees of freedom, and these.
+) -> float:
+    """Return the cost of the best start over its degrees of freedom.
 
-    The cost is infinite where it is above ``max_cost``; ``known_start``: a start found before.
+    It is infinite where no cost is below ``max_cost``; ``known_start``: a start found before.
     """
     try:
         start = known_start or find_start(problem, model, max_cost)
     except VibridentError:
-        return float("inf"), 0
-    freedom = int(start.equations - len(start.values))
-    return start.costs[-1] / max(freedom, 1), freedom
+        return float("inf")
+    return start.chi2_reduced
 
 
 def _in_angular_frequencies(table: ResponseTable | None) -> bool:

@@ -17,7 +17,9 @@ from vibrident.base.amounts import plain
 from vibrident.data.records import FloatArray, Quantity, is_motion
 from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.judge.attempts import Fitted
+from vibrident.fit.optimise import levenberg_marquardt
 from vibrident.fit.problem import Coordinates
+from vibrident.fit.problem.frequency_domain import Local
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.uncertainty.linearised import log_slopes
 
@@ -29,9 +31,10 @@ REACH = (0.3, 2.0)
 DAMPINGS = (0.03, 0.15, 0.7)
 MIN_DAMPING = 1e-4
 MAX_DAMPING = 2.0
-#: Steps of the model's coordinates at each beginning, and evaluations from the best of them.
+#: Steps of the model's coordinates at each beginning.
 ROUGH_STEPS = 4
-MAX_EVALUATIONS = 60
+#: Decrease of −2 log of the likelihood that is not worth a step from the best of them.
+TOLERANCE = 0.1
 #: Deviation, in its standard deviation, from which a point counts as wild.
 WILD = 3.0
 #: Part of the cost of the model alone that an explanation may leave.
@@ -91,21 +94,25 @@ class BesideOscillator:
     deviation: FloatArray
     above: bool
 
-    def errors(self, x: FloatArray) -> FloatArray:
-        """Return the deviations over their standard deviations, shape (2 K,).
+    def at(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the deviations over their standard deviations, shape (2 K,), and derivatives.
 
-        ``x``: the model's coordinates, and the oscillator's logarithms.
+        Args:
+            x: the model's coordinates, and the oscillator's logarithms, shape (P + 2,).
+
+        Returns:
+            Deviations, and their derivatives with x, shape (2 K, P + 2).
         """
-        values = self.coordinates.values(x[:-2])
-        response = self.coordinates.model.frequency_response(values, self.hz, self.quantity)
-        oscillator, _ = _oscillator(self.hz, x[-2:], above=self.above)
-        return _parts(np.log(self.measured * oscillator / response) / self.deviation)
+        response, of_model = log_slopes(self.coordinates, x[:-2], self.quantity, self.hz)
+        oscillator, of_oscillator = _oscillator(self.hz, *x[-2:], above=self.above)
+        slopes = _parts(np.concatenate([-of_model.T, of_oscillator]) / self.deviation)
+        return _parts(np.log(self.measured * oscillator / response) / self.deviation), slopes.T
 
-    def slopes(self, x: FloatArray) -> FloatArray:
-        """Return the derivatives of :meth:`errors` with ``x``, shape (2 K, P + 2)."""
-        _, of_model = log_slopes(self.coordinates, x[:-2], self.quantity, self.hz)
-        _, of_oscillator = _oscillator(self.hz, x[-2:], above=self.above)
-        return _parts(np.concatenate([-of_model.T, of_oscillator]) / self.deviation).T
+    def __call__(self, x: FloatArray, _: None = None) -> Local:
+        """Return Cauchy's cost of the deviations, its gradient and curvature, for an optimiser."""
+        errors, slopes = self.at(x)
+        weighted = slopes / (1.0 + (errors / WILD) ** 2)[:, None]
+        return Local(weighted.T @ slopes, -weighted.T @ errors, float(_cauchy(errors)))
 
     def best_of_grid(self, z: FloatArray, places: FloatArray) -> FloatArray:
         """Return the best of places of the oscillator, the model's coordinates being free.
@@ -119,8 +126,10 @@ class BesideOscillator:
         Returns:
             Coordinates and logarithms, shape (P + 2,).
         """
-        slopes = self.slopes(np.append(z, places[0]))[:, : len(z)]
-        errors = np.stack([self.errors(np.append(z, place)) for place in places])
+        errors, slopes = self.at(np.append(z, places[0]))
+        slopes = slopes[:, : len(z)]
+        logs = np.log(_oscillator(self.hz, *places.T[..., None], above=self.above)[0])
+        errors = errors + _parts((logs - logs[:1]) / self.deviation)
         steps = np.zeros((len(places), len(z)))
         for _ in range(ROUGH_STEPS):
             remaining = errors + steps @ slopes.T
@@ -128,8 +137,7 @@ class BesideOscillator:
             normal = weighted.mT @ slopes
             right_side = (weighted.mT @ errors[..., None])[..., 0]
             steps = -np.einsum("kij,kj->ki", inverse_where_shown(normal), right_side)
-        costs = np.sum(np.log1p(((errors + steps @ slopes.T) / WILD) ** 2), axis=1)
-        best = int(np.argmin(costs))
+        best = int(np.argmin(_cauchy(errors + steps @ slopes.T)))
         return np.append(z + steps[best], places[best])
 
 
@@ -139,13 +147,16 @@ def _parts(values: Any) -> FloatArray:
     return np.nan_to_num(both, nan=1e9, posinf=1e9, neginf=-1e9)
 
 
+def _cauchy(errors: FloatArray) -> Any:
+    """Return −2 log of the likelihood of deviations by Cauchy's distribution, shape (…)."""
+    return WILD**2 * np.sum(np.log1p((errors / WILD) ** 2), axis=-1)
+
+
 def _oscillator_that_explains(fitted: Fitted) -> tuple[float, float] | None:
     """Return natural frequency and damping of the best oscillator, None if it explains too little.
 
     Points without motion are wild, so deviations are weighed by Cauchy's distribution.
     """
-    from scipy.optimize import least_squares  # slow to load
-
     coordinates = fitted.estimate.coordinates
     adequacy = fitted.judgement.adequacy
     hz = adequacy.frequency_hz
@@ -154,45 +165,45 @@ def _oscillator_that_explains(fitted: Fitted) -> tuple[float, float] | None:
         float(part * end) for part, end in zip(REACH, (hz.min(), hz.max()), strict=True)
     )
     limits = np.log([[lowest, MIN_DAMPING], [highest, MAX_DAMPING]])
-    bounds = [
+    low, high = (
         np.append(np.full(len(z), sign * np.inf), limit)
         for sign, limit in zip((-1, 1), limits, strict=True)
-    ]
+    )
     inner_hz = np.geomspace(lowest, highest, PLACES + 2)[1:-1]
     places = np.log(list(itertools.product(inner_hz, DAMPINGS)))
     points = fitted.evidence.quantity, hz, adequacy.measured, adequacy.relative_deviation
-    ends = []
     with np.errstate(all="ignore"):
-        for above in (True, False):
-            points_beside = BesideOscillator(coordinates, *points, above)
-            ends.append(
-                least_squares(
-                    points_beside.errors,
-                    points_beside.best_of_grid(z, places),
-                    points_beside.slopes,  # type: ignore[arg-type]  # SciPy's stubs know names
-                    loss="cauchy",
-                    f_scale=WILD,
-                    bounds=bounds,
-                    max_nfev=MAX_EVALUATIONS,
-                )
-            )
-    best = min(ends, key=lambda fit: fit.cost)
+        sides = [BesideOscillator(coordinates, *points, above) for above in (True, False)]
+        begins = [side.best_of_grid(z, places) for side in sides]
+        better = int(np.argmin([side(x).cost for side, x in zip(sides, begins, strict=True)]))
+        best = levenberg_marquardt(
+            sides[better],
+            begins[better],
+            None,
+            moved=lambda x, step: np.clip(x + step, low, high),
+            tolerance=TOLERANCE,
+            max_cost=2.0 * hz.size,
+        )
     ratio = adequacy.measured / fitted.response(hz)
-    before = _parts(np.log(ratio) / adequacy.relative_deviation) / WILD
-    if not best.cost < MAX_REMAINING_SHARE * 0.5 * WILD**2 * float(np.sum(np.log1p(before**2))):
+    before = float(_cauchy(_parts(np.log(ratio) / adequacy.relative_deviation)))
+    if not best.costs[-1] < MAX_REMAINING_SHARE * before:
         return None
-    natural_hz, damping = np.exp(best.x[len(z) :])
+    natural_hz, damping = np.exp(best.last[len(z) :])
     return float(natural_hz), float(damping)
 
 
 def _oscillator(
-    hz: FloatArray, logarithms: FloatArray, *, above: bool
+    hz: FloatArray, log_hz: Any, log_damping: Any, *, above: bool
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Return K, shape (K,), and the derivatives of ln K by its parameters' logarithms, (2, K).
+    """Return K, shape (…, K), and the derivatives of ln K by its parameters' logarithms, (2, …, K).
 
-    ``above``: whether K falls above its resonance, and is one below; else the other way round.
+    Args:
+        hz: frequencies, shape (K,).
+        log_hz: logarithm of the natural frequency, shape (…, 1) or a number.
+        log_damping: the same of the damping ratio.
+        above: whether K falls above its resonance, and is one below; else the other way round.
     """
-    natural_hz, damping = np.exp(np.clip(logarithms, -60.0, 60.0))
+    natural_hz, damping = (np.exp(np.clip(log, -60.0, 60.0)) for log in (log_hz, log_damping))
     place = hz / natural_hz
     denominator = 1.0 - place**2 + 2j * damping * place
     slopes = np.stack([2.0 * (1j * damping * place - place**2), -2j * damping * place])

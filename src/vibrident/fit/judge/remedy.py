@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from vibrident.base.amounts import plain
@@ -19,12 +19,11 @@ MIN_FREEDOM = 4
 MAX_SMALL_CHI2 = 1.5
 
 
-def with_remedy(fitted: Fitted, fit_anew: Callable[[SensorModel], Fitted]) -> Fitted:
+def with_remedy(fitted: Fitted) -> Fitted:
     """Return the fit, its judgement with the model that explains what its own does not, if any.
 
     Models are tried at the excited frequencies, from the values of the present one, and the likely
-    ones by one fit of the records from there. The χ² stated is what a user gets who asks for that
-    model: ``fit_anew`` fits it from nothing.
+    ones by one fit of the records from there.
     """
     evidence = fitted.evidence
     judgement = fitted.judgement
@@ -33,9 +32,7 @@ def with_remedy(fitted: Fitted, fit_anew: Callable[[SensorModel], Fitted]) -> Fi
         return fitted
     for candidate, values in itertools.islice(_likely_models(fitted), 2):
         try:
-            if not fitted.once(replace(evidence, model=candidate, start=values)).adequate:
-                continue
-            better = fit_anew(candidate)
+            better = fitted.once(replace(evidence, model=candidate, start=values))
         except VibridentError:
             continue
         if better.adequate:

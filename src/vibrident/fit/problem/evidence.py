@@ -79,8 +79,12 @@ class Evidence:
     corrections: tuple[EffectCorrection, ...] = ()
 
     @classmethod
-    def gather(cls, calibration: Calibration, model: SensorModel) -> Evidence:
+    def gather(
+        cls, calibration: Calibration, model: SensorModel, known_offset: float | None = None
+    ) -> Evidence:
         """Return the evidence of a calibration: screen the records and measure their response.
+
+        ``known_offset``: ε of the clocks; None: it is searched for.
 
         Raises:
             InputError: no record can be used, or a record declared as a sine is not a sine.
@@ -103,7 +107,7 @@ class Evidence:
             records = tuple(deconvolved(record, chain) for record in records)
         records, clock_findings = judge_clocks(records)
         findings = (*findings, *decay_findings, *clock_findings)
-        offset = clock_offset(records)
+        offset = clock_offset(records) if known_offset is None else known_offset
         if offset == 0.0:
             return cls._measured(calibration, model, records, findings)
         return cls(calibration, model, records, None, None, findings).at_clock(offset)

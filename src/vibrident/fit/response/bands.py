@@ -203,8 +203,12 @@ def _coherence(bands: MeasuredResponse) -> FloatArray:
     return np.abs(bands.response) ** 2 / np.maximum(total, np.finfo(float).tiny)
 
 
-def uncorrelated_records(bands: MeasuredResponse) -> list[int]:
+def uncorrelated_records(
+    bands: MeasuredResponse, max_chance: float = MAX_CHANCE_OF_RECORD
+) -> list[int]:
     """Return the records whose response and reference are uncorrelated, by index.
+
+    These are as correlated as others with a chance above ``max_chance``.
 
     Of n lines without correlation, 1 − γ² is below x with the chance 1 − x^(n − 1) (γ² the
     coherence), so that Σ −(n − 1) log(1 − γ²) over the bands is a sum of exponentials.
@@ -215,7 +219,7 @@ def uncorrelated_records(bands: MeasuredResponse) -> list[int]:
         of_record = bands.record == record
         lines = np.sum(bands.line_weight[of_record], axis=1)
         statistic = float(np.sum(_evidence_of_motion(coherence[of_record], lines)))
-        if gamma_tail(float(of_record.sum()), statistic) > MAX_CHANCE_OF_RECORD:
+        if gamma_tail(float(of_record.sum()), statistic) > max_chance:
             uncorrelated.append(int(record))
     return uncorrelated
 

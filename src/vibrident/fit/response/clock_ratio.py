@@ -27,6 +27,9 @@ from vibrident.fit.response.clock_search import (
 
 MAX_PERIODS = 8  # by which a transfer function may stand in for two clocks
 MAX_CANDIDATES = 256  # of valleys that look alike, as in the first of several shocks
+# Unexplained fraction above which no step of a search is in a valley: half a width from a bottom a
+# seventh is lost, and a bottom that counts leaves a quarter at most (MIN_GAIN).
+MAX_IN_VALLEY = 0.6
 MIN_SAMPLES = 8  # of a response at another clock; with fewer the record keeps its clock
 
 
@@ -41,16 +44,18 @@ def clock_offset(records: Sequence[Record]) -> float:
     longest = max(channels.samples for channels in search.driven)
     samples = search.begin()
     candidates = np.zeros(1)
-    reach = MAX_OFFSET
+    is_near = search.unexplained(0.0, samples) < FIRST_ORDER
+    reach = search.valley(samples) if is_near else MAX_OFFSET
     while True:
         width = search.valley(samples)
         steps = np.arange(-np.ceil(reach / width), np.ceil(reach / width) + 1) * width
         offsets = np.unique(np.round((candidates[:, None] + steps) / width)) * width
         unexplained = np.array([search.unexplained(offset, samples) for offset in offsets])
         order = np.argsort(unexplained)[:MAX_CANDIDATES]
-        limit = max(2.0 * unexplained[order[0]], 0.5)
-        good = order[unexplained[order] < limit]
-        candidates = offsets[good if good.size else order]
+        least = unexplained[order[0]]
+        if least > MAX_IN_VALLEY:
+            return 0.0
+        candidates = offsets[order[unexplained[order] < max(2.0 * least, 0.5)]]
         if samples >= min(longest, LAST_SAMPLES):
             return search.bottom(float(offsets[order[0]]), width, samples)
         reach = width

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray, Quantity
-from vibrident.fit.problem.coordinates import ends_of
+from vibrident.fit.problem.coordinates import MAX_EXPONENT, ends_of
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import median
 from vibrident.physics.models import ParameterSpec, SensorModel
@@ -105,6 +105,11 @@ class LogCoordinates:
         """Return the lowest and highest frequency of the points."""
         return float(np.min(self.frequency_hz)), float(np.max(self.frequency_hz))
 
+    @functools.cached_property
+    def ends(self) -> list[tuple[float, float] | None]:
+        """Return the lowest and highest value of each parameter that is searched; None: open."""
+        return [ends_of(spec, self.band_hz) for spec in self.model.parameters]
+
     def values(self, u: FloatArray, sign: FloatArray) -> dict[str, FloatArray]:
         """Return the physical values by name, each of shape (C, 1), within the range searched.
 
@@ -112,16 +117,19 @@ class LogCoordinates:
         follow.
         """
         values = {}
+        exponentials = np.exp(np.minimum(np.maximum(u, -MAX_EXPONENT), MAX_EXPONENT))
         for index, spec in enumerate(self.model.parameters):
-            column = u[:, index, None]
             if spec.kind == "gain":
-                value = sign[:, None] * np.exp(np.clip(column, -700.0, 700.0))
+                value = sign[:, None] * exponentials[:, index, None]
             elif spec.kind in ("log", "duration", "positive"):
-                value = np.exp(np.clip(column, -300.0, 300.0))
+                value = exponentials[:, index, None]
             else:
-                value = column * (self.time_unit_s if spec.kind == "time" else spec.size)
-            ends = ends_of(spec, self.band_hz)
-            values[spec.name] = value if ends is None else np.clip(value, *ends)
+                unit = self.time_unit_s if spec.kind == "time" else spec.size
+                value = u[:, index, None] * unit
+            ends = self.ends[index]
+            values[spec.name] = (
+                value if ends is None else np.minimum(np.maximum(value, ends[0]), ends[1])
+            )
         return values
 
     def place(self, values: dict[str, float]) -> tuple[FloatArray, float]:
@@ -172,7 +180,7 @@ class LogCoordinates:
             value = values[spec.name]
             if spec.kind == "gain":
                 logarithmic[:, index] = 1.0
-            elif (ends := ends_of(spec, self.band_hz)) is not None:
+            elif (ends := self.ends[index]) is not None:
                 low, high = ends
                 step = spec.size if spec.kind == "ratio" else value
                 logarithmic[:, index] *= np.where((low < value) & (value < high), step, 0.0)

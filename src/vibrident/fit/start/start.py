@@ -41,6 +41,8 @@ MAX_FINAL_POINTS = 800
 SECOND_CANDIDATES = 12
 #: … and to the end.
 LAST_CANDIDATES = 6
+#: After the first descent a cost of use is no more than this many times as large as in the end.
+MAX_FIRST_RATIO = 100.0
 #: Steps of the first descent, of all combinations; of those between; and of the last.
 FIRST_STEPS = 6
 STEPS = 25
@@ -74,6 +76,11 @@ class Start:
     equations: int
     path: tuple[dict[str, float], ...]
     other_optima: tuple[tuple[dict[str, float], float], ...] = ()
+
+    @property
+    def chi2_reduced(self) -> float:
+        """Return the cost at the end of the path over its degrees of freedom."""
+        return self.costs[-1] / max(self.equations - len(self.values), 1)
 
 
 def find_start(problem: FrequencyProblem, model: SensorModel, most: float = np.inf) -> Start:
@@ -217,6 +224,7 @@ def _optima(
     u = candidates(points, near, problem.band_hz)
     sign = np.ones(len(u))
     coarse = descend(near, u, sign, magnitudes(points, MIN_DEVIATION), FIRST_STEPS)
+    _require_use(coarse, MAX_FIRST_RATIO * most * points.frequency_hz.size)
     rows = coarse.best(SECOND_CANDIDATES, MIN_DISTANCE)
     fine = descend(near, coarse.u[rows], sign[rows], magnitudes(points, MIN_DEVIATION), STEPS)
     _require_use(fine, most * points.frequency_hz.size)

@@ -30,9 +30,11 @@ MAX_UNEXPLAINED = 0.01
 #: … or this many times the incoherent share, or as much as chance leaves with this probability.
 MAX_INCOHERENT_RATIO = 4.0
 MIN_PROBABILITY = 1e-6
+#: A response that is incoherent over more powers than this is no ringing within some bins.
+MAX_RINGING_FREEDOM = 100.0
 #: A sensor that changes leaves as much incoherent with the motion as its best model leaves
-#: unexplained; a fit that went astray leaves several times more unexplained.
-MIN_INCOHERENT_MISFIT = 0.1
+#: unexplained. Where more than half of that is coherent, no change and no clock makes it half.
+MIN_INCOHERENT_MISFIT = 0.5
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,26 @@ class Shares:
             return False
         ratio = unexplained / max(incoherent, np.finfo(float).eps)
         return f_tail(self.freedom, self.freedom, ratio) <= MIN_PROBABILITY
+
+    @property
+    def is_incoherent(self) -> bool:
+        """Return whether no smooth response to the motion explains enough to be tested."""
+        return self.coherent < MIN_EXPLAINED
+
+    @property
+    def may_rise(self) -> bool:
+        """Return whether other parameters may explain more.
+
+        They do not where nearly all is coherent and the model leaves little beside the remainder,
+        or where nothing is. Ringing in a resonance narrower than a bin looks incoherent, too, but
+        within few bins.
+        """
+        incoherent = 1.0 - self.coherent
+        explains_all = incoherent < MIN_EXPLAINED and (
+            1.0 - self.explained < MAX_INCOHERENT_RATIO * incoherent
+        )
+        is_noise = self.is_incoherent and self.freedom > MAX_RINGING_FREEDOM
+        return not (is_noise or explains_all)
 
     @property
     def is_of_steady_sensor(self) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 from vibrident.base.amounts import amount, plain
 from vibrident.base.errors import VibridentError
 from vibrident.data.records import STATIONARY_EXCITATIONS, Calibration
-from vibrident.fit.judge.attempts import Fitted
+from vibrident.fit.judge.attempts import MIN_EXPLAINED_SHARE, Fitted
 from vibrident.fit.judge.document import Uncertainty, budget_of, document
 from vibrident.fit.uncertainty.explained import Shares
 from vibrident.fit.uncertainty.parameters import parameter_units
@@ -57,8 +57,11 @@ def with_regimes(
     model = model_of(calibration, name)
     if not (model.is_linear and _may_have_changed(calibration, result)):
         return result
-    near = {name: result.parameters[name].value for name in model.parameter_names}
-    regimes = find_regimes(calibration, model, near)
+    near = {}
+    if not result.fit.explained < MIN_EXPLAINED_SHARE:
+        near = {name: result.parameters[name].value for name in model.parameter_names}
+    offset = result.settings.get("clock_offset", 0.0)
+    regimes = find_regimes(calibration, model, near, offset)
     shortest = piece_samples(calibration.records[0].samples) // 2
     while len(regimes) >= 2:
         edges = _edges(calibration, regimes)
@@ -139,11 +142,14 @@ def _period(regime: PieceEstimate, rate_hz: float) -> int:
 
 
 def _may_have_changed(calibration: Calibration, result: Result) -> bool:
-    """Return whether a fit is doubtful, and of one record whose motion is alike throughout."""
+    """Return whether a fit is doubtful, and of one record whose motion is alike throughout.
+
+    It is not where another model explains the record.
+    """
     records = calibration.records
     if len(records) != 1 or records[0].optical is not None:
         return False
-    if not DOUBTS & set(result.warning_codes):
+    if not DOUBTS & set(result.warning_codes) or "explained_by" in result.settings:
         return False
     if Shares(result.fit.explained, result.fit.coherent).is_of_steady_sensor:
         return False

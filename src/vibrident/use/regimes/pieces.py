@@ -37,6 +37,8 @@ FALSE_CHANGE = 1e-6
 ALIKE_BANDS = 12
 MIN_BAND_SHARE = 0.01
 MAX_POWER_RATIO = 30.0
+#: A piece that is as correlated with its motion by chance, with a higher one, is not fitted.
+MAX_CHANCE = 1e-3
 #: With more regimes the sensor changes all the time, and has none.
 MAX_REGIMES = 6
 
@@ -122,7 +124,7 @@ def is_alike_throughout(record: Record) -> bool:
 
 
 def find_regimes(
-    calibration: Calibration, model: SensorModel, near: Mapping[str, float]
+    calibration: Calibration, model: SensorModel, near: Mapping[str, float], offset: float
 ) -> list[PieceEstimate]:
     """Return the regimes of a calibration of one record, by whole pieces.
 
@@ -130,6 +132,8 @@ def find_regimes(
         calibration: of one record.
         model: of the sensor.
         near: parameters of the fit of the whole record, by name; each piece is tried there first.
+            Empty where that fit explains too little.
+        offset: ε of its clocks.
     """
     samples = calibration.records[0].samples
     count = samples // piece_samples(samples)
@@ -137,7 +141,7 @@ def find_regimes(
         return []
     edges = np.linspace(0, samples, count + 1).astype(int).tolist()
     spans = [slice(*pair) for pair in itertools.pairwise(edges)]
-    pieces = list(_explained_pieces(calibration, model, spans, near))
+    pieces = list(_explained_pieces(calibration, model, spans, near, offset))
     if count - len(pieces) >= MAX_REGIMES:
         return []
     regimes = list(joined(pieces))
@@ -149,6 +153,7 @@ def _explained_pieces(
     model: SensorModel,
     spans: Sequence[slice],
     near: Mapping[str, float],
+    offset: float,
 ) -> Iterator[PieceEstimate]:
     """Yield the pieces that the model explains, until more do not than changes may be in."""
     explained_count = 0
@@ -156,12 +161,12 @@ def _explained_pieces(
         if number - explained_count >= MAX_REGIMES:
             return
         try:
-            evidence = Evidence.gather(cut(calibration, span), model)
-            if evidence.bands is None or uncorrelated_records(evidence.bands):
+            evidence = Evidence.gather(cut(calibration, span), model, offset)
+            if evidence.bands is None or uncorrelated_records(evidence.bands, MAX_CHANCE):
                 continue
             estimator, _ = choose(evidence)
-            fitted = Fitted.from_evidence(replace(evidence, start=near), estimator, silent)
-            if not fitted.adequate:
+            fitted = Fitted.from_evidence(replace(evidence, start=near or None), estimator, silent)
+            if near and not fitted.adequate:
                 fitted = Fitted.from_evidence(evidence, estimator, silent)
         except VibridentError:
             continue
