@@ -148,8 +148,7 @@ def _observations(evidence: Evidence, method: Method) -> Iterator[tuple[Band, Mo
             yield look.within(top_hz), observed
             continue
         band = Band(problem_at(values, top_hz), top_hz)
-        # What fills in omitted samples belongs to the samples of the look.
-        yield band, estimate_motion_and_noise(band) if observed.filled else observed
+        yield band, observed.moved(look, band)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import fft
 from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
@@ -89,6 +90,23 @@ class MotionAndNoise:
         return np.stack(
             [group.grid.resampled(bins.astype(float), samples) > 0.5 for samples, bins in heard]
         )
+
+    def moved(self, look: Band, band: Band) -> MotionAndNoise:
+        """Return the motion and noise of a look with omitted samples filled in another band's.
+
+        A segment that goes beyond those of the look is not filled in.
+        """
+        filled: dict[int, ComplexArray] = {}
+        for source, lines in self.filled.items():
+            looked = look.problem.segments[source]
+            signal = fft.irfft(lines, looked.samples)
+            for number, segment in enumerate(band.problem.segments):
+                begin, end = (
+                    at - looked.span.start for at in (segment.span.start, segment.span.stop)
+                )
+                if segment.record == looked.record and begin >= 0 and end <= looked.samples:
+                    filled[number] = fft.rfft(signal[begin:end])
+        return replace(self, filled=filled)
 
     def _numbers(self, group: Group) -> list[int]:
         """Return the number of the segment that stands for each of a group."""
