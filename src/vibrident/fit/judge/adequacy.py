@@ -65,6 +65,8 @@ class Judgement:
             misfit; None where none does.
         explained_by: name of that model.
         shares: of the response's power.
+        least_explained: the smallest share that the model explains of any record; one where none
+            has a reference.
     """
 
     adequacy: Adequacy
@@ -81,6 +83,7 @@ class Judgement:
     remedy_chi2: float | None = None
     explained_by: str = ""
     shares: Shares = UNKNOWN_SHARES
+    least_explained: float = 1.0
 
     @property
     def tone_points(self) -> Points | None:
@@ -119,9 +122,12 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
         record = evidence.records[bins.record]
         sine = record.excitation == "sine"
         factors = band_factors(bins, sine=sine, least=_rounding_floor(record, bins, response))
+        hz = np.zeros(0)
         if factors is not None:
             points.append(factor_points(factors, record, bins.samples, response))
-        powers_by_record.append(_powers(evidence, record, bins, model.delay_s(values)))
+            hz = hz if sine else points[-1].frequency_hz
+        band_hz = estimate.coordinates.band_of(hz)
+        powers_by_record.append(_powers(band_hz, record, bins, model.delay_s(values)))
     decays = decay_deviations(evidence.records, model, values)
     adequacy = assess(points, len(estimate.z), decays)
     if _is_measurement(evidence, adequacy.degrees_of_freedom, adequacy.frequency_hz):
@@ -145,6 +151,9 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
         if model.is_linear
         else (),
         shares=shares,
+        least_explained=min(
+            (shares_of([part]).explained for part in powers_by_record), default=1.0
+        ),
     )
 
 
@@ -184,11 +193,13 @@ def _rounding_floor(record: Record, bins: WeightedBins, response: Response) -> F
     return 0.0 if variance is None else variance
 
 
-def _powers(evidence: Evidence, record: Record, bins: WeightedBins, delay_s: float) -> FloatArray:
+def _powers(
+    band_hz: tuple[float, float], record: Record, bins: WeightedBins, delay_s: float
+) -> FloatArray:
     """Return a record's summands of the shares of the response's power, in the motion's band."""
     assert record.reference is not None
     used = record.reference_mask[bins.span] & bins.used
-    low, high = (int(hz * bins.samples / record.sampling_rate_hz) for hz in evidence.band_hz)
+    low, high = (int(hz * bins.samples / record.sampling_rate_hz) for hz in band_hz)
     band = slice(max(low, 1), high + 2)
     reference = about_mean(record.reference[bins.span], used)
     delay = delay_s * record.sampling_rate_hz

@@ -124,6 +124,11 @@ class Fitted:
             self.values, frequency_hz, self.evidence.quantity
         )
 
+    @property
+    def band_hz(self) -> tuple[float, float]:
+        """Return the lowest and highest frequency of the motion that the fit follows."""
+        return self.estimate.coordinates.band_of(self.judgement.adequacy.frequency_hz)
+
     @cached_property
     def linear(self) -> Linearised:
         """Return the fit at all excited frequencies, linearised at the estimate."""

@@ -187,7 +187,7 @@ def require_records(evidence: Evidence) -> None:
     Raises:
         ModelError: there are no records, or no record has a reference.
     """
-    if not evidence.records or evidence.first_look is None:
+    if all(record.reference is None for record in evidence.records):
         raise ModelError(
             "The network is trained on records with a reference.",
             expected="[[records]] with a reference channel",
@@ -213,7 +213,7 @@ def trained_in_time(network: Ipnn, evidence: Evidence, progress: Progress) -> Es
     require_rational(evidence.model)
     begin = find_start(evidence.first_look, evidence.model)
     size = evidence.response_size
-    coordinates = Coordinates.at(evidence.model, begin.values, evidence.band_hz, size)
+    coordinates = Coordinates.at(evidence.model, begin.values, evidence.first_look.band_hz, size)
     method = network.method
     problem = TimeProblem.build(
         evidence.records, evidence.model, method, evidence.quantity, begin.values
