@@ -374,8 +374,10 @@ def _in_response(evidence: Evidence) -> list[dict[str, float]]:
     Its grid is coarse, and a descent in the logarithm of the magnitude has hardly any dead ends.
     Empty for other models.
     """
+    if all(spec.start is None for spec in evidence.model.parameters):
+        return []
     problem = evidence.first_look
-    if problem is None or not any(spec.start is not None for spec in evidence.model.parameters):
+    if problem is None:
         return []
     try:
         return [find_start(problem, evidence.model).values]
