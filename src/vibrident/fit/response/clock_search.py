@@ -225,25 +225,26 @@ class ClockSearch:
             for channels in self.driven
         )
 
-    def unexplained(self, offset: float, samples: int) -> float:
+    def unexplained(self, offset: float, samples: int, enough: float = 0.0) -> float:
         """Return the fraction of the response's power that no rational function explains.
 
         Where it is large at no offset, another delay is tried: the impulse response of tones has
-        many peaks, and a wrong delay must not pass for two clocks.
+        many peaks, and a wrong delay must not pass for two clocks. Below ``enough`` it is not
+        sought any lower.
         """
         responses = [channels.response_at(offset, samples) for channels in self.driven]
         longest = max(range(len(responses)), key=lambda row: len(responses[row].response))
         delay_s = responses[longest].delay_s if self.delayed else 0.0
-        fraction = self._unexplained_at(responses, samples, delay_s)
+        fraction = self._unexplained_at(responses, samples, delay_s, enough)
         if offset != 0.0 or not self.delayed or fraction < FIRST_ORDER:
             return fraction
         delay_s = self.driven[longest].agreed_delay_s(samples)
-        return min(fraction, self._unexplained_at(responses, samples, delay_s))
+        return min(fraction, self._unexplained_at(responses, samples, delay_s, enough))
 
     def _unexplained_at(
-        self, responses: Sequence[_BandResponse], samples: int, delay_s: float
+        self, responses: Sequence[_BandResponse], samples: int, delay_s: float, enough: float
     ) -> float:
-        """Return the unexplained fraction at a common delay."""
+        """Return the unexplained fraction at a common delay, or one below ``enough``."""
         basis = self._basis(samples)
         sizes = [np.sqrt(measured.total) for measured in responses]
         references = [channels.motion(samples).reference for channels in self.driven]
@@ -253,8 +254,8 @@ class ClockSearch:
         )
         response = response * np.exp(2j * np.pi * delay_s * basis.hz)
         power = float(np.sum(power_of(response)))
-        explained = power - _residual_power(basis, motion, response)
-        return max(1.0 - explained / len(responses), np.finfo(float).tiny)
+        residual = _residual_power(basis, motion, response, power - (1.0 - enough) * len(responses))
+        return max(1.0 - (power - residual) / len(responses), np.finfo(float).tiny)
 
     def _basis(self, samples: int) -> _Basis:
         """Return the powers of the bins with motion, cached by number of samples.
@@ -306,8 +307,12 @@ class ClockSearch:
         return places[lowest] if gain > MIN_GAIN else 0.0
 
 
-def _residual_power(basis: _Basis, motion: ComplexArray, response: ComplexArray) -> float:
+def _residual_power(
+    basis: _Basis, motion: ComplexArray, response: ComplexArray, enough: float
+) -> float:
     """Return the power that the best of the linearised fits of a transfer function leaves.
+
+    The first that leaves less than ``enough`` is the last.
 
     With more poles than the sensor has, later fits may be worse: a pole and a zero that cancel may
     lie anywhere.
@@ -329,4 +334,6 @@ def _residual_power(basis: _Basis, motion: ComplexArray, response: ComplexArray)
         numerator = factors[basis.poles :] @ zero_powers
         residual = response - numerator / denominator * motion
         least = min(least, float(np.sum(power_of(residual))))
+        if least < enough:
+            break
     return least
