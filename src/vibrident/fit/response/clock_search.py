@@ -102,8 +102,13 @@ class _Channels:
         motion = self.motion(samples)
         y = fft.rfft(self.at(offset, motion.samples) * hann(motion.samples))
         total = float(np.sum(power_of(y[motion.band]))) or 1.0
-        delay = _delay_samples(motion, y) if len(motion.bins) > MAX_ORDER * LOBE_BINS else 0
-        return _BandResponse(y[motion.bins], total, delay / self.rate_hz)
+        return _BandResponse(y[motion.bins], total)
+
+    def delay_s(self, response: ComplexArray, samples: int) -> float:
+        """Return the delay of most of a response at the bins of the motion."""
+        motion = self.motion(samples)
+        enough = len(motion.bins) > MAX_ORDER * LOBE_BINS
+        return _delay_samples(motion, response) / self.rate_hz if enough else 0.0
 
     def agreed_delay_s(self, samples: int) -> float:
         """Return the delay at which the phases between the channels agree at no offset, s."""
@@ -143,12 +148,10 @@ class _BandResponse(NamedTuple):
     Attributes:
         response: shape (K,).
         total: power of the response in the whole band.
-        delay_s: delay of most of the response.
     """
 
     response: ComplexArray
     total: float
-    delay_s: float
 
 
 def _delay_samples(motion: _Motion, response: ComplexArray) -> int:
@@ -157,7 +160,7 @@ def _delay_samples(motion: _Motion, response: ComplexArray) -> int:
     x = motion.reference
     ratio = np.zeros(n // 2 + 1, dtype=complex)
     power = power_of(x)
-    ratio[motion.bins] = response[motion.bins] * np.conj(x) / (power + POWER_FLOOR * np.max(power))
+    ratio[motion.bins] = response * np.conj(x) / (power + POWER_FLOOR * np.max(power))
     peak = int(np.argmax(np.abs(fft.irfft(ratio, n))))
     peak = peak if peak < n // 2 else peak - n
     return peak if abs(peak) >= MIN_DELAY_SAMPLES else 0
@@ -234,7 +237,9 @@ class ClockSearch:
         """
         responses = [channels.response_at(offset, samples) for channels in self.driven]
         longest = max(range(len(responses)), key=lambda row: len(responses[row].response))
-        delay_s = responses[longest].delay_s if self.delayed else 0.0
+        delay_s = 0.0
+        if self.delayed:
+            delay_s = self.driven[longest].delay_s(responses[longest].response, samples)
         fraction = self._unexplained_at(responses, samples, delay_s, enough)
         if offset != 0.0 or not self.delayed or fraction < FIRST_ORDER:
             return fraction
