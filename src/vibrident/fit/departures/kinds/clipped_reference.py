@@ -34,10 +34,8 @@ class ClippedReference(OfReference):
             limit = level * largest
             yield words, signal - np.clip(signal, -limit, limit)
         for sign, end in ((1.0, "highest"), (-1.0, "lowest")):
-            yield (
-                sentence.format(f"at its {end}"),
-                np.where(sign * signal > MIN_LIMIT_LEVEL * largest, sign * largest, 0.0),
-            )
+            is_at_end = sign * signal > MIN_LIMIT_LEVEL * largest
+            yield sentence.format(f"at its {end}"), is_at_end * (sign * largest)
 
 
 CLIPPED_REFERENCE = ClippedReference()
