@@ -81,13 +81,6 @@ class Coordinates:
         # would compile anew.
         return cls(model, values, np.array(band_hz), np.array(float(response_size)))
 
-    def band_of(self, points_hz: FloatArray) -> tuple[float, float]:
-        """Return the band of the data within that of points, if there are any."""
-        band_hz = np.asarray(self.band_hz, dtype=float)
-        ends_hz = points_hz if points_hz.size else band_hz
-        low, high = np.clip(band_hz, np.min(ends_hz), np.max(ends_hz)).tolist()
-        return low, high
-
     @property
     def time_unit_s(self) -> Any:
         """Return the unit of coordinates of kind ``time``: a radian at the highest frequency."""

@@ -307,6 +307,14 @@ class Evidence:
         return replace(problem, start=self.start, longest_delay_s=longest_delay_s)
 
     @property
+    def band_hz(self) -> tuple[float, float]:
+        """Return the lowest and highest frequency of the data."""
+        if self.first_look is not None:
+            return self.first_look.band_hz
+        longest = max(self.records, key=lambda r: r.duration_s)
+        return 1.0 / longest.duration_s, 0.4 * longest.sampling_rate_hz
+
+    @property
     def response_size(self) -> float:
         """Return the largest distance of a response sample from its record's mean, response unit.
 

@@ -213,7 +213,7 @@ def trained_in_time(network: Ipnn, evidence: Evidence, progress: Progress) -> Es
     require_rational(evidence.model)
     begin = find_start(evidence.first_look, evidence.model)
     size = evidence.response_size
-    coordinates = Coordinates.at(evidence.model, begin.values, evidence.first_look.band_hz, size)
+    coordinates = Coordinates.at(evidence.model, begin.values, evidence.band_hz, size)
     method = network.method
     problem = TimeProblem.build(
         evidence.records, evidence.model, method, evidence.quantity, begin.values
