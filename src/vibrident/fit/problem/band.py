@@ -104,10 +104,10 @@ class Band:
 
     def with_nuisances(self, tones: Sequence[tuple[float, ...]], *, edges: bool) -> Band:
         """Return the band with tones of each segment, in bins; itself where nothing changes."""
-        moved = replace(self, tones=tuple(tones), edges=edges)
-        numbers = range(len(self.problem.segments))
-        unchanged = all(moved._grid_of(number) == self._grid_of(number) for number in numbers)
-        return self if unchanged else moved
+        present = self.tones or tuple(segment.hum for segment in self.problem.segments)
+        if tuple(tones) == present and edges == self.edges:
+            return self
+        return replace(self, tones=tuple(tones), edges=edges)
 
     def at_delay_of(self, values: Mapping[str, float]) -> Band:
         """Return the band with inputs at the delay of ``values``; itself where they nearly are."""
