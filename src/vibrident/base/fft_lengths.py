@@ -12,6 +12,7 @@ MAX_LOST_SHARE = 1e-3
 FACTORS = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31)
 
 
+@functools.lru_cache(maxsize=64)
 def fast_length(min_length: int) -> int:
     """Return the smallest 2^a 3^b 5^c at or above a length: one with a fast transform."""
     shortest = 2 ** max(0, (min_length - 1).bit_length())

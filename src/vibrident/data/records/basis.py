@@ -87,8 +87,9 @@ def extend_flags(flags: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
 
 def span_of(flags: NDArray[np.bool_]) -> slice:
     """Return the slice from the first True to the last; empty if there is none."""
-    indices = np.flatnonzero(flags)
-    return slice(int(indices[0]), int(indices[-1]) + 1) if indices.size else slice(0, 0)
+    if not flags.any():
+        return slice(0, 0)
+    return slice(int(np.argmax(flags)), flags.size - int(np.argmax(flags[::-1])))
 
 
 def resolution(values: FloatArray) -> float:

@@ -239,8 +239,8 @@ class Shape(Departure):
         self, shape: FloatArray, group: WhitenedGroup, scale: Scale
     ) -> ComplexArray:
         """Return a function's columns by bins, with its quadrature where that is asked for."""
-        bins = group.bins_of(shape) * self.answer(group, scale)
-        return np.stack([bins, 1j * bins] if self.turned else [bins], axis=1)
+        columns = (group.bins_of(shape) * self.answer(group, scale))[:, None]
+        return np.concatenate([columns, 1j * columns], axis=1) if self.turned else columns
 
     def doubt(self, candidate: Candidate, group: WhitenedGroup, scale: Scale) -> FloatArray:
         """Return the products of a place's columns with an error of the reference's noise, (R, m).

@@ -258,12 +258,13 @@ class WhitenedGroup:
 
     @functools.cached_property
     def comparison_rows(self) -> FloatArray:
-        """Return all rows that columns are compared with, shape (R, q + 1 + P (+ P), 2 K)."""
-        pull_rows = [] if self.tone_pull is None else [self.tone_pull]
-        return np.concatenate(
-            [self.nuisance_rows, self.residual_beside_tone[:, None], self.jacobian, *pull_rows],
-            axis=1,
-        )
+        """Return all rows that columns are compared with, shape (R, q + 1 + P, 2 K).
+
+        The last P are the Jacobian, or, of tones, those that shift the coordinates.
+        """
+        last_rows = self.jacobian if self.tone_pull is None else self.tone_pull
+        residual = self.residual_beside_tone[:, None]
+        return np.concatenate([self.nuisance_rows, residual, last_rows], axis=1)
 
     def sums(self, rows: FloatArray) -> Sums:
         """Return the sums of whitened rows of places, shape (R, places, m, 2 K)."""
@@ -274,18 +275,14 @@ class WhitenedGroup:
     def sums_of_products(self, products: FloatArray, gram: FloatArray) -> Sums:
         """Return the sums from the products of rows with :attr:`comparison_rows` and each other."""
         nuisances = self.nuisance_rows.shape[1]
-        coordinates = self.jacobian.shape[1]
         shared = products[..., :nuisances]
         power = np.diagonal(gram, axis1=-2, axis2=-1)
         gram = gram - shared @ shared.mT
         remains = (np.diagonal(gram, axis1=-2, axis2=-1) > LOST * power).astype(float)
         gram *= remains[..., None] * remains[..., None, :]
-        cross = products[..., nuisances + 1 : nuisances + 1 + coordinates] * remains[..., None]
-        shift = (
-            np.zeros_like(cross)
-            if self.tone_pull is None
-            else products[..., -coordinates:] * remains[..., None]
-        )
+        last = products[..., nuisances + 1 :] * remains[..., None]
+        zeros = np.zeros_like(last)
+        cross, shift = (last, zeros) if self.tone_pull is None else (zeros, last)
         least = MIN_UNFOLLOWED * np.diagonal(gram, axis1=-2, axis2=-1)
         return Sums(products[..., nuisances] * remains, gram, cross, shift, least)
 
@@ -323,8 +320,8 @@ class WhitenedGroup:
     @functools.cached_property
     def jacobian_in_time(self) -> FloatArray:
         """Return the whitened Jacobian in time, shape (R, P, length)."""
-        first = self.nuisance_rows.shape[1] + 1
-        return self.comparison_in_time[:, first : first + self.jacobian.shape[1]]
+        last_rows = self.comparison_in_time[:, self.nuisance_rows.shape[1] + 1 :]
+        return last_rows if self.tone_pull is None else np.zeros_like(last_rows)
 
     @functools.cached_property
     def information(self) -> RecordInformation:

@@ -59,6 +59,10 @@ class GroupWeights:
         """Return S, shape (R, K), given |H|², shape (K,)."""
         return self.response + self.reference * through
 
+    def weight(self, group: Group, psd: FloatArray) -> FloatArray:
+        """Return the weights of the bins of a group, shape (R, K), given S."""
+        return np.asarray(group.grid.counts * self.excited / psd)
+
     @property
     def has_reference(self) -> bool:
         """Return whether noise of the reference counts."""
@@ -127,7 +131,7 @@ class GroupAt:
         """
         through, turns = response
         psd = weights.psd(power_of(through))
-        weight = group.grid.counts * weights.excited / psd
+        weight = weights.weight(group, psd)
         rows = evaluate(group, step, weight)
         jacobian = rows.jacobian * slopes[:, None]
         noise_information = np.zeros((len(slopes), len(slopes)))

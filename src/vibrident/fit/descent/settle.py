@@ -104,18 +104,22 @@ class InNoise:
         band: the groups, which are computed again if needed.
         weighting: the noise of every segment.
         explains: as of :class:`Settled`.
+        settled: the estimate, whose groups are held; None of long records, for memory.
     """
 
     band: Band
     weighting: Weighting
     explains: bool
+    settled: Settled | None = None
 
     @classmethod
     def of(cls, settled: Settled) -> InNoise:
-        """Return band and noise of an estimate, without the transforms of the records."""
+        """Return band and noise of an estimate, without the transforms of long records."""
         band = settled.band
-        idle = replace(band, problem=band.problem.idle())
-        return cls(idle, settled.weighting, settled.explains)
+        problem = band.problem.idle()
+        if problem is band.problem:
+            return cls(band, settled.weighting, settled.explains, settled)
+        return cls(replace(band, problem=problem), settled.weighting, settled.explains)
 
     def places(
         self, z: FloatArray, coordinates: Coordinates, *, at_all_bins_of: Band | None = None
@@ -128,6 +132,9 @@ class InNoise:
             at_all_bins_of: a band all of whose bins count, whether or not motion shows there; None:
                 the fit's, where motion shows.
         """
+        settled = None if at_all_bins_of else self.settled
+        if settled and settled.coordinates is coordinates and np.array_equal(settled.z, z):
+            return iter(settled.places)
         band = at_all_bins_of or self.band
         weights = self.weighting.of_groups(band)
         if at_all_bins_of is not None:
@@ -137,7 +144,7 @@ class InNoise:
     def at_noise_of(self, z: FloatArray, coordinates: Coordinates) -> InNoise:
         """Return the records in the noise estimated at z."""
         weighting = read_weighting(self.band, tuple(self.places(z, coordinates)), None)
-        return replace(self, band=weighting.with_nuisances(self.band), weighting=weighting)
+        return InNoise(weighting.with_nuisances(self.band), weighting, self.explains)
 
     def normal(self, z: FloatArray, coordinates: Coordinates) -> Local:
         """Return V, its gradient and information at z."""
@@ -356,9 +363,7 @@ def settle(
         _, end = min(rounds, key=lambda scored: scored[0])
     if not settled:  # else the noise is that of this estimate but for MAX_SHIFT
         weighting, end = in_own_noise(end, observed)
-    first_band = end.band.with_nuisances(best.band.tones, edges=best.band.edges)
-    in_first_noise = iterate(first_band, coordinates, first.of_groups(first_band), end.z)
-    if explains and not in_first_noise.cost <= MAX_COST_RATIO * best.at.cost:
+    if explains and not _costs_less(end, first, best):
         noise_of_best, best = in_own_noise(best, observed)
         # Steep noise is not known well without a model: what is far likelier is the estimate.
         likelihoods = [minus_two_log_likelihood(place.at.groups) for place in (best, end)]
@@ -368,6 +373,25 @@ def settle(
             end = best
             trace = best.trace
     return _stated(end.band, coordinates, end.z, end.at, trace, weighting, explains)
+
+
+def _costs_less(end: Descended, weighting: Weighting, best: Descended) -> bool:
+    """Return whether V of an estimate is below the largest over that of the best, in a noise.
+
+    The residual as it is bounds V, which is its least in the amounts of the nuisances.
+    """
+    limit = MAX_COST_RATIO * best.at.cost
+    band = end.band.with_nuisances(best.band.tones, edges=best.band.edges)
+    weights = weighting.of_groups(band)
+    if band is end.band:
+        bound = sum(
+            float(np.sum(noise.weight(place.group, power_of(place.through)) * power))
+            for place, noise in zip(end.at.groups, weights, strict=True)
+            for power in [power_of(place.rows.residual)]
+        )
+        if bound <= limit:
+            return True
+    return iterate(band, end.coordinates, weights, end.z).cost <= limit
 
 
 def in_own_noise(end: Descended, observed: MotionAndNoise) -> tuple[Weighting, Descended]:

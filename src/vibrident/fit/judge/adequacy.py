@@ -19,6 +19,7 @@ from vibrident.fit.judge.excerpts import excerpts
 from vibrident.fit.judge.misfit import describe_misfit, describe_no_freedom
 from vibrident.fit.problem import Evidence, network_of
 from vibrident.fit.response import MeasuredResponse
+from vibrident.fit.response.bands import LINES_IN_BAND
 from vibrident.fit.response.rounding import rounding_variance
 from vibrident.fit.response.transform import about_mean, line_frequencies, power_of
 from vibrident.fit.response.verdict import REJECTION, probability
@@ -31,7 +32,13 @@ from vibrident.fit.uncertainty.adequacy import (
     looks_random,
     tone_points,
 )
-from vibrident.fit.uncertainty.explained import UNKNOWN_SHARES, Shares, powers, shares_of
+from vibrident.fit.uncertainty.explained import (
+    MAX_UNEXPLAINED,
+    UNKNOWN_SHARES,
+    Shares,
+    powers,
+    shares_of,
+)
 from vibrident.fit.uncertainty.factors import band_factors
 from vibrident.fit.uncertainty.steps import effects_of_steps
 from vibrident.physics.discretisation import Weights
@@ -65,6 +72,8 @@ class Judgement:
             misfit; None where none does.
         explained_by: name of that model.
         shares: of the response's power.
+        least_explained: the smallest share that the model explains of any record; one where none
+            has a reference.
     """
 
     adequacy: Adequacy
@@ -81,6 +90,7 @@ class Judgement:
     remedy_chi2: float | None = None
     explained_by: str = ""
     shares: Shares = UNKNOWN_SHARES
+    least_explained: float = 1.0
 
     @property
     def tone_points(self) -> Points | None:
@@ -108,20 +118,23 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
         return model.frequency_response(values, frequency, quantity)
 
     points: list[Points] = []
-    powers_by_record: list[FloatArray] = []
+    powers_of_tones: list[FloatArray] = []
     tones = None
     predicted, weights = _predict(evidence, estimate)
     if evidence.tones is not None and estimate.criterion != "samples":
         tones = estimate.tones or _clean_tones(evidence, estimate)
         points.append(tone_points(tones, response, [record.name for record in evidence.records]))
-        powers_by_record.append(_powers_of_tones(tones, response))
+        powers_of_tones.append(_powers_of_tones(tones, response))
+    powers_by_record = list(powers_of_tones)
+    delay_s = model.delay_s(values)
+    band_hz = _band_of_fit(evidence, estimate)
     for bins in weighed_records(evidence, estimate, predicted, sines=tones is None):
         record = evidence.records[bins.record]
         sine = record.excitation == "sine"
         factors = band_factors(bins, sine=sine, least=_rounding_floor(record, bins, response))
         if factors is not None:
             points.append(factor_points(factors, record, bins.samples, response))
-        powers_by_record.append(_powers(evidence, record, bins, model.delay_s(values)))
+        powers_by_record.append(_powers(band_hz, record, bins, delay_s))
     decays = decay_deviations(evidence.records, model, values)
     adequacy = assess(points, len(estimate.z), decays)
     if _is_measurement(evidence, adequacy.degrees_of_freedom, adequacy.frequency_hz):
@@ -129,6 +142,13 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
     birge = _birge(estimate, points, adequacy, decays)
     lack_of_fit = describe_misfit(adequacy, points, response, decays)
     shares = shares_of(powers_by_record)
+    if not (adequacy.adequate and shares.explained > 1.0 - MAX_UNEXPLAINED):
+        # What is common to both channels ends where a first look sees it end, not the fit.
+        powers_by_record = powers_of_tones + [
+            _powers(evidence.band_hz, evidence.records[bins.record], bins, delay_s)
+            for bins in weighed_records(evidence, estimate, predicted, sines=tones is None)
+        ]
+        shares = shares_of(powers_by_record)
     if shares.lacking:
         lack_of_fit = str(shares) if adequacy.adequate else f"{lack_of_fit} {shares}"
         adequacy = replace(adequacy, adequate=False)
@@ -145,6 +165,9 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
         if model.is_linear
         else (),
         shares=shares,
+        least_explained=min(
+            (shares_of([part]).explained for part in powers_by_record), default=1.0
+        ),
     )
 
 
@@ -184,11 +207,20 @@ def _rounding_floor(record: Record, bins: WeightedBins, response: Response) -> F
     return 0.0 if variance is None else variance
 
 
-def _powers(evidence: Evidence, record: Record, bins: WeightedBins, delay_s: float) -> FloatArray:
+def _band_of_fit(evidence: Evidence, estimate: Estimate) -> tuple[float, float]:
+    """Return the band of the fit in Hz, less what drift and free motion are in."""
+    low, high = estimate.coordinates.band_hz.tolist()
+    shortest_s = min(record.duration_s for record in evidence.records)
+    return max(low, LINES_IN_BAND / shortest_s), high
+
+
+def _powers(
+    band_hz: tuple[float, float], record: Record, bins: WeightedBins, delay_s: float
+) -> FloatArray:
     """Return a record's summands of the shares of the response's power, in the motion's band."""
     assert record.reference is not None
     used = record.reference_mask[bins.span] & bins.used
-    low, high = (int(hz * bins.samples / record.sampling_rate_hz) for hz in evidence.band_hz)
+    low, high = (int(hz * bins.samples / record.sampling_rate_hz) for hz in band_hz)
     band = slice(max(low, 1), high + 2)
     reference = about_mean(record.reference[bins.span], used)
     delay = delay_s * record.sampling_rate_hz

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
+
 from vibrident.base.memory import return_freed_after
 from vibrident.data.records import FloatArray, SystematicEffect
 from vibrident.fit.departures.examination import DepartureGroup
@@ -123,6 +125,15 @@ class Fitted:
         return self.evidence.model.frequency_response(
             self.values, frequency_hz, self.evidence.quantity
         )
+
+    @property
+    def band_hz(self) -> tuple[float, float]:
+        """Return the lowest and highest frequency of the motion that the fit follows."""
+        band_hz = self.estimate.coordinates.band_hz
+        points_hz = self.judgement.adequacy.frequency_hz
+        ends_hz = points_hz if points_hz.size else band_hz
+        low, high = np.clip(band_hz, np.min(ends_hz), np.max(ends_hz)).tolist()
+        return low, high
 
     @cached_property
     def linear(self) -> Linearised:

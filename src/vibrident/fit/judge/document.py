@@ -166,12 +166,12 @@ def _profile(fitted: Fitted, by_data: FloatArray, coverage: float) -> Profile | 
     estimate = fitted.estimate
     coordinates = estimate.coordinates
     adequacy = fitted.judgement.adequacy
-    problem = evidence.first_look
-    if not coordinates.model.is_linear or problem is None or not len(adequacy.frequency_hz):
+    if not coordinates.model.is_linear or not len(adequacy.frequency_hz):
         return None
     if not adequacy.adequate or not needs_profile(coordinates, estimate.z, by_data):
         return None
-    if evidence.calibration.table is None:
+    problem = evidence.table_points
+    if problem is None:
         problem = FrequencyProblem(evidence.model, evidence.quantity, adequacy.as_data)
         if estimate.in_noise and not points_suffice(problem, coordinates, estimate.z, by_data):
             problem = estimate.in_noise.likelihood()
@@ -206,7 +206,7 @@ def _curves(fitted: Fitted, covariance: FloatArray) -> tuple[Curve, MeasuredCurv
     reference_hz = calibration.certificate.get("reference_frequency_hz")
     measured_hz = fitted.judgement.adequacy.frequency_hz.tolist()
     grid_hz = with_resonances(
-        frequencies(evidence.band_hz, measured_hz, reference_hz),
+        frequencies(fitted.band_hz, measured_hz, reference_hz),
         evidence.model.rational(fitted.values),
     )
     return curve(
@@ -237,7 +237,7 @@ def _settings_of_data(fitted: Fitted) -> dict[str, Any]:
             if record.optical is not None
         },
         "clock_offset": evidence.clock_offset,
-        "known_responses": _known_responses(evidence, bands),
+        "known_responses": _known_responses(fitted, bands),
         "band_hz": [*next(iter(bands))] if len(bands) == 1 else [],
     }
     return {name: value for name, value in settings.items() if value}
@@ -260,19 +260,19 @@ def _corrections(evidence: Evidence) -> list[dict[str, Any]]:
 
 
 def _known_responses(
-    evidence: Evidence, bands_hz: Collection[tuple[float, float]]
+    fitted: Fitted, bands_hz: Collection[tuple[float, float]]
 ) -> list[dict[str, Any]]:
     """Return the known response that was divided out of each channel, and the remaining band.
 
     ``bands_hz``: of the records that such a response limits.
     """
-    band_hz = [*evidence.band_hz]
+    band_hz = [*fitted.band_hz]
     if bands_hz:
         low = min(low for low, _ in bands_hz)
         band_hz = [low if low > LOWEST_HZ else band_hz[0], max(high for _, high in bands_hz)]
     return [
         {"channel": name, "source": response.source, "band_hz": band_hz}
-        for name, response in evidence.calibration.known_responses.items()
+        for name, response in fitted.evidence.calibration.known_responses.items()
     ]
 
 

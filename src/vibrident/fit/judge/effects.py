@@ -30,8 +30,8 @@ def linearised(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> 
     coordinates = estimate.coordinates
     z = estimate.z
     points = judgement.adequacy
-    if evidence.calibration.table is not None and evidence.first_look is not None:
-        return Linearised.from_table(coordinates, z, evidence.first_look)
+    if evidence.table_points is not None:
+        return Linearised.from_table(coordinates, z, evidence.table_points)
     at = points.frequency_hz, points.measured, points.relative_deviation
     return Linearised.from_points(coordinates, z, evidence.quantity, *at)
 
@@ -152,14 +152,14 @@ def _deviations(evidence: Evidence, estimate: Estimate, judgement: Judgement) ->
     coordinates = estimate.coordinates
     quantity = evidence.quantity
     adequacy = judgement.adequacy
-    problem = evidence.first_look
+    problem = evidence.table_points
 
     def model(z: FloatArray, change: np.ndarray) -> np.ndarray:
         values = coordinates.values(z)
         response = coordinates.model.frequency_response(values, adequacy.frequency_hz, quantity)
         return np.asarray(response) * np.exp(change)
 
-    if evidence.calibration.table is not None and problem is not None:
+    if problem is not None:
         scatter = judgement.scatter or 1.0
         _, magnitude, phase, magnitude_u, phase_u = (np.asarray(array) for array in problem.data)
 

@@ -79,8 +79,8 @@ def _warn_of_solutions(fitted: Fitted, covariance: FloatArray) -> list[ResultWar
     points = judgement.adequacy
     if not coordinates.model.is_linear or not points.adequate or not len(points.frequency_hz):
         return []
-    problem = evidence.first_look
-    if evidence.calibration.table is not None and problem is not None:
+    problem = evidence.table_points
+    if problem is not None:
         sought = sought_response(problem).scaled(judgement.scatter or 1.0)
     else:
         deviation = points.relative_deviation

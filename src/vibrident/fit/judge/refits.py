@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from vibrident.fit.information import inverse_normal
-from vibrident.fit.judge.attempts import Fitted
+from vibrident.fit.judge.attempts import MIN_EXPLAINED_SHARE, Fitted
 from vibrident.fit.judge.departure_report import departures_of, report_nuisances, with_nuisances
 from vibrident.fit.problem import Evidence
 from vibrident.fit.response.verdict import REJECTION, probability
@@ -25,7 +25,8 @@ def without_dead_records(first: Fitted) -> Fitted:
 
     It is better where it explains the other records far better, or contradicts the first fit.
     """
-    evidence = first.evidence.without_dead_records()
+    moves = first.judgement.least_explained > MIN_EXPLAINED_SHARE
+    evidence = first.evidence.without_dead_records(sines_alone=moves)
     if evidence is None:
         return first
     better = Fitted.from_evidence(evidence, first.estimator, first.progress)
@@ -59,7 +60,7 @@ def with_phase_scatter(first: Fitted) -> Fitted:
     phase's uncertainty: the first fit is returned.
     """
     calibration = first.evidence.calibration
-    problem = first.evidence.first_look
+    problem = first.evidence.table_points
     current = first
     table = calibration.table
     if table is None or problem is None or not problem.has_phase:

@@ -61,7 +61,7 @@ def _may_lack_model(fitted: Fitted) -> bool:
         and (network is None or network.optimiser != "adam")
         and findings.method.is_exact
     )
-    if fitted.evidence.bands is not None:
+    if fitted.evidence.broadband:
         untestable |= fitted.judgement.explained < MIN_EXPLAINED_SHARE
     return fitted.evidence.model.is_linear and plain_fit and not untestable
 
@@ -153,7 +153,7 @@ def _other_models(evidence: Evidence) -> Iterator[list[list[SensorModel]]]:
     add_ons = [
         addon for addon in ADD_ONS.values() if addon.force is None and not addon.before_sensor
     ]
-    if evidence.bands is not None:  # broadband motion needs a network
+    if evidence.broadband:  # broadband motion needs a network
         add_ons = [addon for addon in add_ons if addon.factor is None]
     additional = [addon.name for addon in add_ons if addon.name not in present]
     delays = [addon.name for addon in add_ons if addon.is_delay and addon.name in additional]

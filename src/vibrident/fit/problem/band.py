@@ -104,7 +104,8 @@ class Band:
 
     def with_nuisances(self, tones: Sequence[tuple[float, ...]], *, edges: bool) -> Band:
         """Return the band with tones of each segment, in bins; itself where nothing changes."""
-        if tuple(tones) == self.tones and edges == self.edges:
+        present = self.tones or tuple(segment.hum for segment in self.problem.segments)
+        if tuple(tones) == present and edges == self.edges:
             return self
         return replace(self, tones=tuple(tones), edges=edges)
 

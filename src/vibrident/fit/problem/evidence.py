@@ -56,7 +56,6 @@ class Evidence:
         records: records that passed the screening; empty for a table.
         tones: response of the sine records at their frequencies; its ``record`` is an index into
             ``records``. None without sines.
-        bands: the same for other motion with a reference; None without.
         findings: warnings about the data.
         start: start values of the parameters, where they are known; None estimates them from the
             response.
@@ -70,7 +69,6 @@ class Evidence:
     model: SensorModel
     records: tuple[Record, ...]
     tones: MeasuredResponse | None
-    bands: MeasuredResponse | None
     findings: tuple[ScreeningFinding, ...]
     start: Mapping[str, float] | None = None
     effects: tuple[SystematicEffect, ...] = ()
@@ -95,7 +93,7 @@ class Evidence:
         chain = None if free else chain_of(calibration)  # a channel only scales free motion
         if calibration.table is not None:
             known = calibration if chain is None else without_chain(calibration, chain)
-            return cls(known, model, (), None, None, ())
+            return cls(known, model, (), None, ())
         optical = [
             f for r in calibration.records if r.optical is not None for f in r.optical.findings
         ]
@@ -110,7 +108,7 @@ class Evidence:
         offset = clock_offset(records) if known_offset is None else known_offset
         if offset == 0.0:
             return cls._measured(calibration, model, records, findings)
-        return cls(calibration, model, records, None, None, findings).at_clock(offset)
+        return cls(calibration, model, records, None, findings).at_clock(offset)
 
     def at_clock(self, offset: float) -> Evidence:
         """Return the evidence with responses brought to the clock of the reference at this ε."""
@@ -162,19 +160,13 @@ class Evidence:
         records: tuple[Record, ...],
         findings: tuple[ScreeningFinding, ...],
     ) -> Evidence:
-        """Return the evidence of screened records, whose tones and bands are measured.
+        """Return the evidence of screened records, whose tones are measured.
 
         Raises:
             InputError: a record declared as a sine is not a sine, or nothing lies in the bands.
         """
         sines = [i for i, r in enumerate(records) if r.excitation == "sine"]
-        broadband = [i for i, r in enumerate(records) if r.excitation not in ("sine", "decay")]
         tones = None
-        bands = None
-        if broadband:
-            bands = measure_bands([records[i] for i in broadband], calibration.quantity)
-        if bands is not None:
-            bands = replace(bands, record=np.array(broadband)[bands.record])
         if sines:
             sine_records = [records[i] for i in sines]
             tones = find_tones(sine_records)
@@ -186,11 +178,11 @@ class Evidence:
                 *silent_channels(tones),
             )
         if all(record.band_hz is None for record in records):
-            return cls(calibration, model, records, tones, bands, findings)
-        return cls(calibration, model, records, tones, bands, findings)._in_band()
+            return cls(calibration, model, records, tones, findings)
+        return cls(calibration, model, records, tones, findings)._in_band()
 
     def _in_band(self) -> Evidence:
-        """Return the evidence without sines and points outside the bands of their records.
+        """Return the evidence without sines outside the bands of their records.
 
         Raises:
             InputError: no data remain.
@@ -206,10 +198,9 @@ class Evidence:
             return replace(
                 self._measured(self.calibration, self.model, records, ()), findings=self.findings
             )
-        bands = None if self.bands is None else self.bands.at(self._inside(self.bands))
-        if bands is not None and not bands.points:
+        if self.bands is not None and not self.bands.points:
             raise self._nothing_in_band()
-        return replace(self, bands=bands)
+        return self
 
     def _inside(self, measured: MeasuredResponse | None) -> BoolArray:
         """Return which points are in the band of their record, shape (n,)."""
@@ -225,7 +216,9 @@ class Evidence:
         """Return the error that no data lie in the band of their record."""
         band_hz = next(record.band_hz for record in self.records if record.band_hz is not None)
         frequencies_hz = [
-            measured.frequency_hz for measured in (self.tones, self.bands) if measured is not None
+            measured.frequency_hz
+            for measured in (self.tones, self._all_bands)
+            if measured is not None
         ]
         return nothing_in_band(
             band_hz,
@@ -233,15 +226,17 @@ class Evidence:
             self.calibration.source or "calibration in memory",
         )
 
-    def without_dead_records(self) -> Evidence | None:
+    def without_dead_records(self, *, sines_alone: bool) -> Evidence | None:
         """Return the evidence without records whose channels seem uncorrelated.
 
         None where all or none seem so. It is a suspicion only: where a sharp resonance rings on
         from motion before the record, this hides the response to the motion in it.
+
+        ``sines_alone``: whether other records are known to move.
         """
         dead: list[int] = []
         for measured, suspects in (
-            (self.bands, uncorrelated_records),
+            (None if sines_alone else self.bands, uncorrelated_records),
             (self.tones, silent_records),
         ):
             suspected = [] if measured is None else suspects(measured)
@@ -258,10 +253,41 @@ class Evidence:
         """Return the quantity of the reference."""
         return self.calibration.quantity
 
+    @functools.cached_property
+    def bands(self) -> MeasuredResponse | None:
+        """Return the response to other motion than sines, in the bands of its records.
+
+        Its ``record`` is an index into ``records``. None without such motion.
+        """
+        bands = self._all_bands
+        return None if bands is None else bands.at(self._inside(bands))
+
+    @functools.cached_property
+    def _all_bands(self) -> MeasuredResponse | None:
+        """Return the response to other motion than sines, inside the bands of records or not."""
+        bands = measure_bands([self.records[i] for i in self.broadband], self.quantity)
+        return (
+            None if bands is None else replace(bands, record=np.array(self.broadband)[bands.record])
+        )
+
+    @property
+    def broadband(self) -> list[int]:
+        """Return the records of other driven motion than sines, by index."""
+        kinds = [record.excitation for record in self.records]
+        return [number for number, kind in enumerate(kinds) if kind not in ("sine", "decay")]
+
     @property
     def only_sines(self) -> bool:
         """Return whether every record is a sine."""
         return bool(self.records) and all(r.excitation == "sine" for r in self.records)
+
+    @functools.cached_property
+    def table_points(self) -> FrequencyProblem | None:
+        """Return the response of a table; None of records."""
+        table = self.calibration.table
+        return (
+            None if table is None else FrequencyProblem.of_table(table, self.model, self.quantity)
+        )
 
     @functools.cached_property
     def first_look(self) -> FrequencyProblem | None:
@@ -269,9 +295,8 @@ class Evidence:
 
         None where only free decays were recorded.
         """
-        if self.calibration.table is not None:
-            problem = FrequencyProblem.of_table(self.calibration.table, self.model, self.quantity)
-            return replace(problem, start=self.start)
+        if self.table_points is not None:
+            return replace(self.table_points, start=self.start)
         responses = [measured for measured in (self.tones, self.bands) if measured is not None]
         if not responses:
             return None

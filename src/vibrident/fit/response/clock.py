@@ -53,12 +53,16 @@ def _common_ratio(records: Sequence[Record]) -> float | None:
     """Return the ratio of measured to stated frequency of all records; None if 1 or not shared."""
     ratios = []
     uncertainties = []
+    right = 0
     for record in records:
         assert record.frequency_hz is not None
         tone_hz = _tone(record, record.frequency_hz)
         if tone_hz is None:
             return None
         ratios.append(tone_hz / record.frequency_hz)
+        right += abs(ratios[-1] - 1.0) < MIN_OFFSET
+        if 2 * right > len(records):  # so is the median
+            return None
         uncertainties.append(PLACE_UNCERTAINTY_LINES / (record.duration_s * record.frequency_hz))
     if not ratios:
         return None

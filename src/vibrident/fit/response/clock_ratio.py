@@ -39,7 +39,7 @@ def clock_offset(records: Sequence[Record]) -> float:
     It is 0 where another clock explains little more.
     """
     search = ClockSearch.from_records(records, MAX_ORDER, MAX_ORDER, delayed=True)
-    if not search.driven or search.unexplained(0.0, LAST_SAMPLES) < FIRST_ORDER:
+    if not search.driven or search.unexplained(0.0, LAST_SAMPLES, FIRST_ORDER) < FIRST_ORDER:
         return 0.0
     longest = max(channels.samples for channels in search.driven)
     samples = search.begin()

@@ -102,8 +102,13 @@ class _Channels:
         motion = self.motion(samples)
         y = fft.rfft(self.at(offset, motion.samples) * hann(motion.samples))
         total = float(np.sum(power_of(y[motion.band]))) or 1.0
-        delay = _delay_samples(motion, y) if len(motion.bins) > MAX_ORDER * LOBE_BINS else 0
-        return _BandResponse(y[motion.bins], total, delay / self.rate_hz)
+        return _BandResponse(y[motion.bins], total)
+
+    def delay_s(self, response: ComplexArray, samples: int) -> float:
+        """Return the delay of most of a response at the bins of the motion."""
+        motion = self.motion(samples)
+        enough = len(motion.bins) > MAX_ORDER * LOBE_BINS
+        return _delay_samples(motion, response) / self.rate_hz if enough else 0.0
 
     def agreed_delay_s(self, samples: int) -> float:
         """Return the delay at which the phases between the channels agree at no offset, s."""
@@ -143,12 +148,10 @@ class _BandResponse(NamedTuple):
     Attributes:
         response: shape (K,).
         total: power of the response in the whole band.
-        delay_s: delay of most of the response.
     """
 
     response: ComplexArray
     total: float
-    delay_s: float
 
 
 def _delay_samples(motion: _Motion, response: ComplexArray) -> int:
@@ -157,7 +160,7 @@ def _delay_samples(motion: _Motion, response: ComplexArray) -> int:
     x = motion.reference
     ratio = np.zeros(n // 2 + 1, dtype=complex)
     power = power_of(x)
-    ratio[motion.bins] = response[motion.bins] * np.conj(x) / (power + POWER_FLOOR * np.max(power))
+    ratio[motion.bins] = response * np.conj(x) / (power + POWER_FLOOR * np.max(power))
     peak = int(np.argmax(np.abs(fft.irfft(ratio, n))))
     peak = peak if peak < n // 2 else peak - n
     return peak if abs(peak) >= MIN_DELAY_SAMPLES else 0
@@ -225,25 +228,28 @@ class ClockSearch:
             for channels in self.driven
         )
 
-    def unexplained(self, offset: float, samples: int) -> float:
+    def unexplained(self, offset: float, samples: int, enough: float = 0.0) -> float:
         """Return the fraction of the response's power that no rational function explains.
 
         Where it is large at no offset, another delay is tried: the impulse response of tones has
-        many peaks, and a wrong delay must not pass for two clocks.
+        many peaks, and a wrong delay must not pass for two clocks. Below ``enough`` it is not
+        sought any lower.
         """
         responses = [channels.response_at(offset, samples) for channels in self.driven]
         longest = max(range(len(responses)), key=lambda row: len(responses[row].response))
-        delay_s = responses[longest].delay_s if self.delayed else 0.0
-        fraction = self._unexplained_at(responses, samples, delay_s)
+        delay_s = 0.0
+        if self.delayed:
+            delay_s = self.driven[longest].delay_s(responses[longest].response, samples)
+        fraction = self._unexplained_at(responses, samples, delay_s, enough)
         if offset != 0.0 or not self.delayed or fraction < FIRST_ORDER:
             return fraction
         delay_s = self.driven[longest].agreed_delay_s(samples)
-        return min(fraction, self._unexplained_at(responses, samples, delay_s))
+        return min(fraction, self._unexplained_at(responses, samples, delay_s, enough))
 
     def _unexplained_at(
-        self, responses: Sequence[_BandResponse], samples: int, delay_s: float
+        self, responses: Sequence[_BandResponse], samples: int, delay_s: float, enough: float
     ) -> float:
-        """Return the unexplained fraction at a common delay."""
+        """Return the unexplained fraction at a common delay, or one below ``enough``."""
         basis = self._basis(samples)
         sizes = [np.sqrt(measured.total) for measured in responses]
         references = [channels.motion(samples).reference for channels in self.driven]
@@ -253,8 +259,8 @@ class ClockSearch:
         )
         response = response * np.exp(2j * np.pi * delay_s * basis.hz)
         power = float(np.sum(power_of(response)))
-        explained = power - _residual_power(basis, motion, response)
-        return max(1.0 - explained / len(responses), np.finfo(float).tiny)
+        residual = _residual_power(basis, motion, response, power - (1.0 - enough) * len(responses))
+        return max(1.0 - (power - residual) / len(responses), np.finfo(float).tiny)
 
     def _basis(self, samples: int) -> _Basis:
         """Return the powers of the bins with motion, cached by number of samples.
@@ -306,8 +312,12 @@ class ClockSearch:
         return places[lowest] if gain > MIN_GAIN else 0.0
 
 
-def _residual_power(basis: _Basis, motion: ComplexArray, response: ComplexArray) -> float:
+def _residual_power(
+    basis: _Basis, motion: ComplexArray, response: ComplexArray, enough: float
+) -> float:
     """Return the power that the best of the linearised fits of a transfer function leaves.
+
+    The first that leaves less than ``enough`` is the last.
 
     With more poles than the sensor has, later fits may be worse: a pole and a zero that cancel may
     lie anywhere.
@@ -329,4 +339,6 @@ def _residual_power(basis: _Basis, motion: ComplexArray, response: ComplexArray)
         numerator = factors[basis.poles :] @ zero_powers
         residual = response - numerator / denominator * motion
         least = min(least, float(np.sum(power_of(residual))))
+        if least < enough:
+            break
     return least

@@ -124,23 +124,27 @@ class MeasuredResponse:
     @staticmethod
     def join(responses: Sequence[MeasuredResponse]) -> MeasuredResponse:
         """Return all points of several measurements, in order."""
-        width = max(p.line_hz.shape[1] for p in responses)
+        columns: dict[str, NDArray[Any]] = {}
+        for field in fields(MeasuredResponse):
+            parts = [getattr(response, field.name) for response in responses]
+            if field.name == "rounding":
+                parts = [
+                    np.zeros((response.points, 2)) if part is None else part
+                    for response, part in zip(responses, parts, strict=True)
+                ]
+            if field.name.startswith("line_"):
+                columns[field.name] = _padded(parts, 1.0 if field.name == "line_hz" else 0.0)
+            else:
+                columns[field.name] = np.concatenate(parts)
+        return MeasuredResponse(**columns)
 
-        def padded(array: NDArray, fill: float) -> NDArray:
-            return np.pad(array, ((0, 0), (0, width - array.shape[1])), constant_values=fill)
 
-        return MeasuredResponse(
-            np.concatenate([p.frequency_hz for p in responses]),
-            np.concatenate([p.reference for p in responses]),
-            np.concatenate([p.response for p in responses]),
-            np.concatenate([padded(p.line_hz, 1.0) for p in responses]),
-            np.concatenate([padded(p.line_reference, 0.0) for p in responses]),
-            np.concatenate([padded(p.line_response, 0.0) for p in responses]),
-            np.concatenate([padded(p.line_weight, 0.0) for p in responses]),
-            np.concatenate([p.degrees_of_freedom for p in responses]),
-            np.concatenate([p.record for p in responses]),
-            np.concatenate([p.distortion for p in responses]),
-            np.concatenate(
-                [np.zeros((p.points, 2)) if p.rounding is None else p.rounding for p in responses]
-            ),
-        )
+def _padded(parts: Sequence[NDArray[Any]], fill: float) -> NDArray[Any]:
+    """Return rows of several widths below each other, filled up to the largest."""
+    width = max(part.shape[1] for part in parts)
+    padded = np.full((sum(map(len, parts)), width), fill, dtype=parts[0].dtype)
+    begin = 0
+    for part in parts:
+        padded[begin : begin + len(part), : part.shape[1]] = part
+        begin += len(part)
+    return padded

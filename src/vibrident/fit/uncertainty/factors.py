@@ -206,10 +206,10 @@ def _unsteady_noise(
     padded_power = np.pad(noise_power, length // 2 + 1, mode="edge")
     motion_stretches = sliding_window_view(padded_motion, length)[begins]
     power_stretches = sliding_window_view(padded_power, length)[begins]
-    lines = power_of(fft.rfft(motion_stretches * hann(length)))
-    total = np.cumsum(np.pad(lines, ((0, 0), (1, 0))), axis=1)
     first = edges[:-1] * length // samples
     end = -(-edges[1:] * length // samples)
+    lines = power_of(fft.rfft(motion_stretches * hann(length))[:, : end[-1]])
+    total = np.cumsum(np.pad(lines, ((0, 0), (1, 0))), axis=1)
     motion_power = total[:, np.minimum(end, total.shape[1] - 1)] - total[:, first]
     shares = motion_power / np.maximum(np.sum(motion_power, axis=0), 1e-300)
     mean = float(np.mean(noise_power))

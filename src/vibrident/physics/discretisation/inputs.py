@@ -275,12 +275,10 @@ def _all_valid(valid: BoolArray, begin: int, end: int) -> BoolArray:
     """
     bad = np.concatenate([[0], np.cumsum(~valid)])
     n = valid.shape[0]
-    k = np.arange(n)
-    first = k + begin
-    last = k + end + 1
-    inside = (first >= 0) & (last <= n)
     usable = np.zeros(n, dtype=bool)
-    usable[inside] = bad[last[inside]] == bad[first[inside]]
+    first = max(-begin, 0)
+    last = max(min(n - end, n), first)
+    usable[first:last] = bad[first + end + 1 : last + end + 1] == bad[first + begin : last + begin]
     return usable
 
 

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from vibrident.base.warning_kinds import WarningCode
-from vibrident.fit.departures.departure import Candidate, Departure, Scale
+from vibrident.fit.departures.departure import Candidate, Departure, Places, Scale
 from vibrident.fit.departures.group import WhitenedGroup
 from vibrident.fit.departures.points import Point, PointsPart
 from vibrident.fit.departures.score import Score
@@ -38,6 +38,22 @@ class Bands(Departure):
                 motion = group.likely[:, first:end]
                 columns[:, number, :, first:end] = np.stack([motion, 1j * motion], axis=1)
             yield "", columns.reshape(len(columns), -1, group.bins)
+
+    def places(self, group: WhitenedGroup, scale: Scale) -> list[Places]:
+        """Return the place by sums over the bands, as each column is in one of them alone."""
+        if group.pull is not None:
+            return []
+        edges = pairwise(np.searchsorted(group.hz, scale.bands_hz).tolist())
+        motion = group.whiten(group.likely[:, None]).view(complex)
+        rows = np.concatenate([group.comparison_rows.view(complex), motion], axis=1)
+        products = np.conj(motion) * rows
+        sums = np.stack([np.sum(products[..., slice(*band)], axis=2) for band in edges], axis=1)
+        columns = np.stack([np.real(sums), np.imag(sums)], axis=2).reshape(
+            len(sums), 1, -1, rows.shape[1]
+        )
+        gram = np.repeat(columns[..., ::2, -1], 2, axis=-1)[..., None] * np.eye(columns.shape[2])
+        tested = group.sums_of_products(columns[..., :-1], gram)
+        return [Places((Candidate(""),), tested, np.ones((len(sums), 1), dtype=bool))]
 
     def at_points(self, points: PointsPart) -> list[Point]:
         """Return a complex factor of the points of each band."""

@@ -52,14 +52,22 @@ class Change(Departure):
         transform serves all places (sup over places: Andrews 1993).
         """
         records = len(group.records)
-        changing = group.whitened_in_time(_gain_and_time_rows(group))
-        if not _are_tones(group):
-            changing = np.concatenate([changing, group.jacobian_in_time], axis=1)
-        columns = changing.shape[1]
-        signals = np.concatenate([changing, group.comparison_in_time], axis=1)
-        signals = signals.reshape(records, -1, BLOCKS, group.length // BLOCKS)
-        signals = np.ascontiguousarray(signals.swapaxes(1, 2))
-        products = (signals[:, :, :columns] @ signals.mT).reshape(records, BLOCKS, -1)
+        in_blocks = records, -1, BLOCKS, group.length // BLOCKS
+        gain_and_time = group.whitened_in_time(_gain_and_time_rows(group))
+        signals = np.concatenate(
+            [
+                rows.reshape(in_blocks).swapaxes(1, 2)
+                for rows in (gain_and_time, group.comparison_in_time)
+            ],
+            axis=2,
+        )
+        compared = list(range(2, signals.shape[2]))
+        changing = [0, 1]
+        if not _are_tones(group):  # the Jacobian, the last of what columns are compared with
+            changing += compared[-group.jacobian.shape[1] :]
+        columns = len(changing)
+        products = (signals @ signals.mT)[:, :, changing][..., changing + compared]
+        products = products.reshape(records, BLOCKS, -1)
         once = (FACTORS @ products).reshape(records, BLOCKS, columns, -1)[..., columns:]
         squared = (FACTORS**2 @ products).reshape(records, BLOCKS, columns, -1)[..., :columns]
         share_behind = FACTORS[:-1] @ products[:, :, :1]

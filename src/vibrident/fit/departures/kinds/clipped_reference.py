@@ -31,12 +31,11 @@ class ClippedReference(OfReference):
         sentence = "the reference departs {}, as where its channel is overdriven"
         for level in LEVELS:
             words = sentence.format(f"beyond {plain(100.0 * level, 2)} % of its largest")
-            yield words, np.sign(signal) * np.maximum(np.abs(signal) - level * largest, 0.0)
+            limit = level * largest
+            yield words, signal - np.clip(signal, -limit, limit)
         for sign, end in ((1.0, "highest"), (-1.0, "lowest")):
-            yield (
-                sentence.format(f"at its {end}"),
-                np.where(sign * signal > MIN_LIMIT_LEVEL * largest, sign * largest, 0.0),
-            )
+            is_at_end = sign * signal > MIN_LIMIT_LEVEL * largest
+            yield sentence.format(f"at its {end}"), is_at_end * (sign * largest)
 
 
 CLIPPED_REFERENCE = ClippedReference()

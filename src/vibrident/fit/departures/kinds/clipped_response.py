@@ -28,8 +28,8 @@ class ClippedResponse(Shape):
     ) -> Iterable[tuple[str, FloatArray]]:
         """Yield what lies beyond each level."""
         for level in LEVELS:
-            beyond = np.maximum(np.abs(signal) - level * scale.motion, 0.0)
-            yield _words(level, ""), np.sign(signal) * beyond
+            limit = level * scale.motion
+            yield _words(level, ""), signal - np.clip(signal, -limit, limit)
         for level in ONE_SIDED_LEVELS:
             for sign, side in ((1.0, " above"), (-1.0, " below")):
                 yield _words(level, side), np.maximum(sign * signal - level * scale.motion, 0.0)

@@ -10,6 +10,7 @@ from numpy import fft
 
 from vibrident.base.amounts import plain
 from vibrident.base.warning_kinds import WarningCode
+from vibrident.data.records import FloatArray
 from vibrident.fit.departures.departure import Candidate, Departure, Scale
 from vibrident.fit.departures.group import WhitenedGroup
 from vibrident.fit.departures.score import Score
@@ -28,7 +29,8 @@ class Clocks(Departure):
 
         What is alike at the begin and at the end is a delay.
         """
-        yield "", slope_with_time(group, 0.5 * group.records[0].duration_s)[:, :1]
+        time_s = group.time_s - 0.5 * group.records[0].duration_s
+        yield "", group.bins_of(_slope(group) * time_s)[:, None]
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
         """Return by how much the clocks differ."""
@@ -42,10 +44,16 @@ class Clocks(Departure):
 
 def slope_with_time(group: WhitenedGroup, origin_s: float) -> ComplexArray:
     """Return bins of dŷ/dt times the time from an origin, and of dŷ/dt, shape (R, 2, K)."""
+    slope = _slope(group)
+    return group.bins_of(np.stack([slope * (group.time_s - origin_s), slope], axis=1))
+
+
+def _slope(group: WhitenedGroup) -> FloatArray:
+    """Return dŷ/dt, shape (R, L)."""
     length = group.motion.shape[1]
     radians_a_second = 2j * np.pi * group.rate_hz / group.samples * np.arange(length // 2 + 1)
-    slope = fft.irfft(radians_a_second * fft.rfft(group.motion, axis=1), length, axis=1)
-    return group.bins_of(np.stack([slope * (group.time_s - origin_s), slope], axis=1))
+    lines = radians_a_second * fft.rfft(group.motion, axis=1)
+    return np.asarray(fft.irfft(lines, length, axis=1), dtype=float)
 
 
 CLOCKS = Clocks()

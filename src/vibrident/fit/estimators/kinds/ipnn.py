@@ -187,7 +187,7 @@ def require_records(evidence: Evidence) -> None:
     Raises:
         ModelError: there are no records, or no record has a reference.
     """
-    if not evidence.records or evidence.first_look is None:
+    if all(record.reference is None for record in evidence.records):
         raise ModelError(
             "The network is trained on records with a reference.",
             expected="[[records]] with a reference channel",
