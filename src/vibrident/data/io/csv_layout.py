@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.columns import MAX_LINE_LENGTH, unreadable
+from vibrident.data.io.columns import MAX_LINE_LENGTH, reading
 from vibrident.data.io.plain_text import BLANKS, PlainText, respelled
 from vibrident.data.io.text_head import (
     LABVIEW_END,
@@ -29,6 +29,7 @@ from vibrident.data.io.title_rows import (
     names_and_units,
 )
 
+TEXT_OF_COLUMNS = "a text file of columns"
 _MAX_HEAD_BYTES = MAX_LINE_LENGTH
 _MAX_HEAD_LINES = 400
 _MAX_SAMPLE_LINES = 25
@@ -109,23 +110,17 @@ def is_number(cell: str, decimal: str) -> bool:
     return _NUMBER[decimal].fullmatch(cell) is not None
 
 
-def open_text(path: Path, file: str) -> PlainText:
-    """Open a text file; InputError where it cannot be read."""
-    try:
-        return PlainText(path)
-    except OSError as error:
-        raise unreadable(file, error, "a text file of columns") from error
+def open_text(path: Path) -> tuple[PlainText, CsvLayout]:
+    """Open a text file and find its layout from its first lines.
 
-
-def detect_layout(text: PlainText, file: str) -> CsvLayout:
-    """Find the layout of a text file from its first lines; InputError without rows of numbers."""
-    try:
+    InputError where it cannot be read or has no rows of numbers.
+    """
+    with reading(path, TEXT_OF_COLUMNS):
+        text = PlainText(path)
         with text.open() as stream:
             head = stream.read(_MAX_HEAD_BYTES)
             is_complete = not stream.read(1)
-    except OSError as error:
-        raise unreadable(file, error, "a text file of columns") from error
-    return _layout_of(*_head_lines(head, is_complete, file), head, file)
+        return text, _layout_of(*_head_lines(head, is_complete, str(path)), head, str(path))
 
 
 def line_too_long(file: str, line: int) -> InputError:

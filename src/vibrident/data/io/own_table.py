@@ -12,7 +12,7 @@ from vibrident.data.io.alignment import ClockedChannel, align
 from vibrident.data.io.calibration_file import ResponseSection
 from vibrident.data.io.clocks import ClockReader
 from vibrident.data.io.columns import library
-from vibrident.data.io.csv_layout import detect_layout, open_text
+from vibrident.data.io.csv_layout import open_text
 from vibrident.data.io.header_units import response_conversion
 from vibrident.data.io.plain_text import BLANKS
 from vibrident.data.io.reader import open_columns, sha256
@@ -132,8 +132,7 @@ def _excel(path: Path, target: Path, columns: Mapping[str, FloatArray]) -> None:
 
 
 def _text(path: Path, target: Path, columns: Mapping[str, FloatArray]) -> None:
-    text = open_text(path, str(path))
-    layout = detect_layout(text, str(path))
+    text, layout = open_text(path)
     gap = " " if layout.delimiter == BLANKS else layout.delimiter
     lines = text.read().decode(layout.encoding).splitlines()
     head = lines[: layout.first_line - 1]

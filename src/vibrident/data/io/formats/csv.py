@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import sys
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -11,13 +9,12 @@ from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic_core import from_json
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.columns import MAX_LINE_LENGTH, Channel, ColumnFile, StartTime, unreadable
+from vibrident.data.io.columns import MAX_LINE_LENGTH, Channel, ColumnFile, StartTime, reading
 from vibrident.data.io.csv_layout import (
+    TEXT_OF_COLUMNS,
     CsvLayout,
-    detect_layout,
     is_number,
     line_too_long,
     open_text,
@@ -90,42 +87,16 @@ def _chunks_of_lines(stream: BinaryIO) -> Iterator[bytes | None]:
 
 def _field_counts(chunk: bytes, layout: CsvLayout) -> NDArray[np.int64]:
     """Return the number of fields of each line; 0 for a blank line."""
+    lines = chunk.removesuffix(b"\n").split(b"\n")
     if b'"' in chunk:
-        lines = chunk.decode(layout.encoding, errors="replace").removesuffix("\n").split("\n")
-        counts = [len(split_line(line, layout.delimiter)) if line.strip() else 0 for line in lines]
-        return np.array(counts, dtype=np.int64)
-    bytes_ = np.frombuffer(chunk, dtype=np.uint8)
-    if (
-        layout.delimiter != BLANKS
-        and layout.fields > 1
-        and (rows := _complete_rows(bytes_, layout))
-    ):
-        return np.full(rows, layout.fields)
-    ends = np.flatnonzero(bytes_ == _NEWLINE)
-    starts = (
-        np.concatenate(([0], ends + 1))
-        if chunk[-1] != _NEWLINE
-        else np.concatenate(([0], ends[:-1] + 1))
-    )
-    ink = bytes_ > ord(" ")
-    if layout.delimiter == BLANKS:
-        begins = ink.copy()
-        begins[1:] &= ~ink[:-1]
-        return np.add.reduceat(begins, starts, dtype=np.int64)
-    separators = bytes_ == ord(layout.delimiter)
-    counts = np.add.reduceat(separators, starts, dtype=np.int64)
-    filled = np.logical_or.reduceat(ink | separators, starts)
-    return np.where(filled, counts + 1, 0)
-
-
-def _complete_rows(bytes_: NDArray[np.uint8], layout: CsvLayout) -> int:
-    """Return the number of lines if each is complete and has the layout's fields; else 0."""
-    delimiter = ord(layout.delimiter)
-    marks = bytes_[(bytes_ == delimiter) | (bytes_ == _NEWLINE)]
-    if marks.size % layout.fields or bytes_[-1] != _NEWLINE:
-        return 0
-    rows = marks.reshape(-1, layout.fields)
-    return len(rows) if np.all(rows[:, -1] == _NEWLINE) and np.all(rows[:, :-1] == delimiter) else 0
+        texts = [line.decode(layout.encoding, errors="replace") for line in lines]
+        counts = [len(split_line(text, layout.delimiter)) if text.strip() else 0 for text in texts]
+    elif layout.delimiter == BLANKS:
+        counts = [len(line.split()) for line in lines]
+    else:
+        gap = layout.delimiter.encode()
+        counts = [line.count(gap) + 1 if gap in line or line.strip() else 0 for line in lines]
+    return np.array(counts, dtype=np.int64)
 
 
 MAX_LIGHT_BYTES = 1 << 20  # files up to this size are read without pandas: loading it takes longer
@@ -137,19 +108,13 @@ _NO_VALUE = frozenset({
 })  # fmt: skip
 
 
-def _better_by_pandas(path: Path) -> bool:
-    """Return whether pandas is faster: it is loaded already, or the file is large."""
-    return "pandas" in sys.modules or path.stat().st_size > MAX_LIGHT_BYTES
-
-
 class CsvFile(ColumnFile):
     """A text file of columns: layout from its first lines, numbers from pandas' C parser."""
 
     word = "column"
 
     def __init__(self, path: Path) -> None:
-        self._text = open_text(path, str(path))
-        self._layout: CsvLayout = detect_layout(self._text, str(path))
+        self._text, self._layout = open_text(path)
         self._parsed: dict[int, Stamps] = {}
         facts = self._layout.facts
         channels = [
@@ -188,7 +153,7 @@ class CsvFile(ColumnFile):
         """Return the time of a column's first row: its own stamp, or the head's statement."""
         if not self.in_seconds(position):
             return super().start(position)
-        stamps = self._stamps([position])[0]
+        stamps = self._stamps(position)
         return StartTime(int(stamps.ns[0]), epoch=stamps.dated)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
@@ -196,37 +161,32 @@ class CsvFile(ColumnFile):
 
         An empty cell is NaN; a time of day is in seconds since the first.
         """
-        stamps = [position for position in positions if self.in_seconds(position)]
-        numbers = [position for position in positions if position not in stamps]
-        columns = dict(zip(numbers, self._load_numbers(numbers) if numbers else (), strict=True))
-        times = [parsed.elapsed_s for parsed in self._stamps(stamps)]
-        columns.update(zip(stamps, times, strict=True))
-        return tuple(columns[position] for position in positions)
+        with reading(self._path, TEXT_OF_COLUMNS):
+            numbers = [position for position in positions if not self.in_seconds(position)]
+            loaded = self._load_numbers(numbers) if numbers else ()
+            columns = dict(zip(numbers, loaded, strict=True))
+            return tuple(
+                columns[position] if position in columns else self._stamps(position).elapsed_s
+                for position in positions
+            )
 
     @cached_property
     def _first_row(self) -> list[str]:
-        try:
+        with reading(self._path, TEXT_OF_COLUMNS):
             return next((cells for _, cells in numbered_rows(self._text, self._layout)), [])
-        except OSError as error:
-            raise unreadable(self.file, error, "a text file of columns") from error
 
-    def _stamps(self, positions: Sequence[int]) -> list[Stamps]:
-        """Return columns of times of day, which are kept."""
-        unparsed = [position for position in positions if position not in self._parsed]
-        if unparsed:
+    def _stamps(self, position: int) -> Stamps:
+        """Return a column of times of day, which is kept."""
+        if position not in self._parsed:
             size = self._row_lines.size  # which refuses uneven rows
-            rows = numbered_rows(self._text, self._layout)
-            spans = [self._span(position) for position in unparsed]
-            columns = [
-                *zip(*([" ".join(cells[s]) for s in spans] for _, cells in rows), strict=True)
-            ]
-            for position, cells in zip(unparsed, columns, strict=True):
-                if len(cells) != size:
-                    raise self._torn_rows(len(cells))
-                self._parsed[position] = parse_stamps(
-                    cells, _NO_VALUE, lambda row, position=position: self.locate(position, row)
-                )
-        return [self._parsed[position] for position in positions]
+            span = self._span(position)
+            cells = [" ".join(row[span]) for _, row in numbered_rows(self._text, self._layout)]
+            if len(cells) != size:
+                raise self._torn_rows(len(cells))
+            self._parsed[position] = parse_stamps(
+                cells, _NO_VALUE, lambda row: self.locate(position, row)
+            )
+        return self._parsed[position]
 
     def _span(self, position: int) -> slice:
         """Return the cells of a stamp: a date, the time, and AM, PM or a zone."""
@@ -251,23 +211,19 @@ class CsvFile(ColumnFile):
     def _load_numbers(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         try:
             self._refuse_summary()
-            try:
-                return self._load_quickly(positions)
-            except (ValueError, TypeError, OverflowError) as error:
-                if not self._clean():
-                    raise self._text_error(positions, error) from error
             return self._load_quickly(positions)
-        except OSError as error:
-            raise unreadable(self.file, error, "a text file of columns") from error
         except (ValueError, TypeError, OverflowError) as error:
-            raise self._text_error(positions, error) from error
+            if not self._clean():
+                raise self._text_error(positions, error) from error
+        return self._load_numbers(positions)
 
     def _load_quickly(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         """Return columns of numbers; ValueError and its like for other text."""
         rows = self._row_lines.size
-        plain_columns = self._plain_columns(positions)
-        if plain_columns is not None:
-            return plain_columns
+        fields = self._layout.fields
+        if self._numbers is not None and self._numbers.size == rows * fields:
+            table = self._numbers.reshape(rows, fields)
+            return tuple(table[:, position].copy() for position in positions)
         frame = self._parse(sorted(set(positions)))  # pandas.errors.ParserError is a ValueError
         if len(frame) != rows:
             raise self._torn_rows(len(frame))
@@ -281,21 +237,14 @@ class CsvFile(ColumnFile):
         name = self.names[position]
         return f"column {position + 1}" + (f" ({name!r})" if name else "")
 
-    def _plain_columns(self, positions: Sequence[int]) -> tuple[FloatArray, ...] | None:
-        """Return the columns of a small purely numeric file; None if it needs the parser."""
-        if (
-            self._numbers is None
-            or self._numbers.size != self._row_lines.size * self._layout.fields
-        ):
-            return None
-        table = self._numbers.reshape(-1, self._layout.fields)
-        return tuple(table[:, position].copy() for position in positions)
-
     @cached_property
     def _numbers(self) -> FloatArray | None:
-        """Return all numbers of the file in a row, without loading pandas."""
+        """Return all numbers of a small file in a row; None if it needs the parser of pandas.
+
+        An empty cell shows in their count.
+        """
         layout = self._layout
-        if _better_by_pandas(self._path):
+        if self._path.stat().st_size > MAX_LIGHT_BYTES:
             return None
         data = self._text.read()[layout.offset :]
         if b"\r" in data:  # one sign is sought far quicker than two
@@ -307,12 +256,6 @@ class CsvFile(ColumnFile):
         blanks = b" \t" if layout.delimiter == BLANKS else b""
         if data.translate(None, PLAIN + signs + blanks):
             return None
-        # An empty cell shows in the count.
-        # Most are numbers of JSON, too, whose parser takes half the time.
-        with contextlib.suppress(ValueError, OverflowError):
-            listed = data.strip().translate(bytes.maketrans(signs + b" \n", b",.,,"))
-            # Each is the nearest float, as in pandas.
-            return np.array(from_json(b"[%b]" % listed), dtype=float)
         try:
             # Delimiters become blanks, which no cell contains.
             return np.fromstring(data.translate(bytes.maketrans(signs, b" .")), sep=" ")
@@ -348,11 +291,11 @@ class CsvFile(ColumnFile):
         with self._text.open() as stream:
             size = stream.seek(0, 2)
             stream.seek(max(self._layout.offset, size - TAIL_BYTES))
-            tail = stream.read().decode(self._layout.encoding, errors="replace").splitlines()
-        last = next((line for line in reversed(tail) if line.strip()), "")
+            tail = stream.read().decode(self._layout.encoding, errors="replace")
+        last = tail.rstrip().rpartition("\n")[2]
         first = self._first_row[0] if self._first_row else ""
         gap = self._layout.delimiter
-        word = split_line(respelled(last, gap), gap)[0] if last.strip() else ""
+        word = (split_line(respelled(last, gap), gap) or [""])[0]
         numeric = is_number(first, self._layout.decimal) or is_stamp(first)
         if word[:1].isalpha() and word not in _NO_VALUE and numeric:
             raise InputError(
