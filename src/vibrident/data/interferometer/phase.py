@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vibrident.data.interferometer.ellipse import Ellipse
-from vibrident.data.interferometer.setting import BoolArray, FloatArray, SampledSignals
+from vibrident.data.interferometer.setting import BoolArray, FloatArray, Gap, SampledSignals
 from vibrident.data.interferometer.survey import MAX_RADIUS, lost_radius
 
 BLOCK_SAMPLES = 1 << 16  # samples in a block: few enough for the processor's cache
@@ -38,18 +38,6 @@ ORDERS = (1, 2, 4)  # orders of the cyclic error: harmonics of the phase
 def waves(phase: FloatArray) -> FloatArray:
     """Return the waves cos nφ and sin nφ for the orders of a cyclic error, shape (6, …)."""
     return np.stack([wave for n in ORDERS for wave in (np.cos(n * phase), np.sin(n * phase))])
-
-
-@dataclass(frozen=True)
-class Gap:
-    """Samples from ``start`` up to ``stop`` that are left out.
-
-    ``jump``: whether the phase jumps there at sufficient amplitude.
-    """
-
-    start: int
-    stop: int
-    jump: bool
 
 
 @dataclass

@@ -258,13 +258,11 @@ def _knots(
             pieces.append((float(np.mean([middles[i] for i in indices])), piece))
     if len(pieces) < 3:
         return []
-    differences = np.array([ellipse.shape_of(piece) for _, piece in pieces])
-    weights = np.array([np.linalg.inv(piece.shape_covariance) for _, piece in pieces])
     # Pieces of small motion have large errors: an unweighted mean would have, too.
-    off = differences - np.linalg.solve(
-        weights.sum(axis=0), np.einsum("kij,kj->i", weights, differences)
+    _, _, total = ellipses.weighted_mean(
+        [ellipse.shape_of(piece) for _, piece in pieces],
+        [piece.shape_covariance for _, piece in pieces],
     )
-    total = float(np.einsum("ki,kij,kj->", off, weights, off))
     return pieces if chdtrc(4 * (len(pieces) - 1), total) < CHANGE_CHANCE else []
 
 

@@ -7,14 +7,14 @@ before memory is allocated.
 from __future__ import annotations
 
 import os
-from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vibrident.base import extras, memory
 from vibrident.base.errors import InputError, did_you_mean
@@ -26,6 +26,12 @@ MAX_LINE_LENGTH = 1 << 18  # characters of a line of text
 _MAX_NAMES_IN_MESSAGE = 12  # further names are counted only
 _MAX_NAME_LENGTH = 100  # characters; longer names are cut
 _NUMBER_BYTES = 8
+
+#: Places of columns in ``names`` of a file, from 0.
+Positions = Sequence[int]
+IntArray = NDArray[np.int64]
+#: Description of a row's place, for messages.
+Locate = Callable[[int], str]
 
 
 def require_room(path: Path, numbers: int, number_bytes: int = _NUMBER_BYTES) -> None:
@@ -117,6 +123,7 @@ class Channel:
         unit: stated beside the name; "" if none.
         over_frequency: True for values over frequency, which no record is.
         start: time of the first sample, if it is stated without a rate.
+        samples: number that the file declares; 0 where it declares none.
     """
 
     name: str
@@ -126,15 +133,17 @@ class Channel:
     unit: str = ""
     over_frequency: bool = False
     start: StartTime | None = None
+    samples: int = 0
 
 
-class ColumnFile(ABC):
+class ColumnFile:
     """A file of columns, opened but not yet converted; a subclass for each format reads them.
 
     A position is a column's place in ``names``, from 0. What the user writes in the calibration
     file (a number from 1, or a name) becomes a position through ``position_of``.
     """
 
+    expected = "a file of columns"  # what a sound file is, for messages
     names_are_paths = False  # True for a unit in the last part only
     word = "channel"  # what the format calls a column
 
@@ -198,19 +207,31 @@ class ColumnFile(ABC):
         """Return whether this column is of a time type."""
         return self._channels[position].in_seconds
 
-    @abstractmethod
-    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
+    def load(self, positions: Positions) -> tuple[FloatArray, ...]:
         """Convert the columns at these positions; each has shape (samples,) and may hold NaN.
 
         Raises:
             InputError: a column cannot be read as real numbers.
         """
+        channels = [self._channels[position] for position in positions]
+        with reading(self._path, self.expected):
+            require_room(self._path, sum(channel.samples for channel in channels))
+            columns = tuple(self._read([channel.handle for channel in channels]))
+            for channel, values in zip(channels, columns, strict=True):
+                if channel.samples and values.size != channel.samples:
+                    sizes = f"{values.size} values where it states {channel.samples}"
+                    raise ValueError(f"{channel.name!r} has {sizes}")
+            return columns
+
+    def _read(self, handles: Sequence[Any]) -> Iterable[FloatArray]:
+        """Read the columns of these handles; any exception means a damaged file."""
+        raise NotImplementedError
 
     def length(self, position: int) -> int:
         """Return the number of samples of a column."""
-        return int(self._loaded_columns([position])[0].shape[0])
+        return self._channels[position].samples or self._loaded_columns([position])[0].size
 
-    def block(self, positions: Sequence[int], start: int, stop: int) -> FloatArray:
+    def block(self, positions: Positions, start: int, stop: int) -> FloatArray:
         """Return samples of columns from ``start`` up to ``stop``; errors as ``load``.
 
         The shape is (columns, stop − start). Formats that cannot read a part of a file keep all of
@@ -222,10 +243,10 @@ class ColumnFile(ABC):
         """Return whether ``block`` reads a part of a column alone, whose clock needs no stamps."""
         return False
 
-    def _handles(self, positions: Sequence[int]) -> list[Any]:
+    def _handles(self, positions: Positions) -> list[Any]:
         return [self._channels[position].handle for position in positions]
 
-    def _loaded_columns(self, positions: Sequence[int]) -> list[FloatArray]:
+    def _loaded_columns(self, positions: Positions) -> list[FloatArray]:
         missing = [position for position in positions if position not in self._loaded]
         self._loaded.update(zip(missing, self.load(missing) if missing else (), strict=True))
         return [self._loaded[position] for position in positions]

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from vibrident.base.errors import InputError
+from vibrident.data.io.clocks import file_clock
 from vibrident.data.io.columns import ColumnFile
 from vibrident.data.io.header_units import is_time
 from vibrident.data.io.reader import open_columns
@@ -102,7 +103,8 @@ def guess_columns(path: Path) -> Columns:
         unit = source.stated_unit(position)
         names.append(f"{name} [{unit}]" if unit else name)
     free = [p for p, name in enumerate(names) if not _INDEX.fullmatch(name.strip())]
-    clock = next((clock for clock in map(source.clock, free) if clock is not None), None)
+    clocks = (file_clock(source, position) for position in free)
+    clock = next(filter(None, clocks), None)
     time = next((p for p in free if is_time(names[p])), None) if clock is None else None
     free = [position for position in free if position != time]
     detectors = _detectors(names, free)

@@ -6,14 +6,14 @@ import functools
 import math
 import mmap
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.stated import Statement, meaning_of, scalar, statements
+from vibrident.data.io.stated import Level, Levels, meaning_of, scalar, statements
 from vibrident.data.records import FloatArray
 
 #: Filters that come with the library: deflate, shuffle, Fletcher-32, szip, n-bit, scale-offset;
@@ -40,9 +40,7 @@ class Packing:
             values += self.offset
 
 
-def levels_of(
-    file: Any, array: str, groups: dict[str, Mapping[str, Statement]]
-) -> list[Mapping[str, Statement]]:
+def levels_of(file: Any, array: str, groups: dict[str, Level]) -> Levels:
     """Return the statements about a dataset: its own, its groups' and the file's, nearest first.
 
     A dataset of one number or text, such as "fs" or "unit", is a statement of its group, as MATLAB
@@ -125,7 +123,7 @@ def text_attribute(dataset: Any, name: str) -> str:
     return value if isinstance(value, str) else str(value)
 
 
-def _statements_of(item: Any) -> Mapping[str, Statement]:
+def _statements_of(item: Any) -> Level:
     """Return the statements among the attributes of a dataset or group."""
     import h5py
 

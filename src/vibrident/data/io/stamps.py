@@ -5,13 +5,14 @@ from __future__ import annotations
 import datetime
 import functools
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.base.errors import InputError
+from vibrident.data.io.columns import IntArray, Locate
 from vibrident.data.records import FloatArray
 
 _DAY_NS = 86_400 * 10**9
@@ -33,7 +34,7 @@ _STAMP = re.compile(
 class Stamps:
     """A column of times of day: nanoseconds since 1970, or since a midnight; shape (rows,)."""
 
-    ns: NDArray[np.int64]
+    ns: IntArray
     is_missing: NDArray[np.bool_]  # shape (rows,)
     dated: bool
 
@@ -57,9 +58,7 @@ def has_fraction(cell: str) -> bool:
     return match is not None and match["fraction"] is not None
 
 
-def parse_stamps(
-    cells: Sequence[str], missing: frozenset[str], locate: Callable[[int], str]
-) -> Stamps:
+def parse_stamps(cells: Sequence[str], missing: frozenset[str], locate: Locate) -> Stamps:
     """Parse a column of times of day; without dates, midnight is passed forwards.
 
     Args:
@@ -102,7 +101,7 @@ def _refusal(problem: str, cell: str, where: str) -> InputError:
     )
 
 
-def _is_month_first(dates: dict[str | None, int], locate: Callable[[int], str]) -> bool:
+def _is_month_first(dates: dict[str | None, int], locate: Locate) -> bool:
     """Tell the order of day and month in dates with slashes, which a number above 12 decides.
 
     ``dates``: as written → first row.

@@ -57,6 +57,11 @@ class Statement:
     factor: float  # of the unit in the name, to Hz or s
 
 
+#: Statements about a column, or about what holds it, by meaning; and those at several levels.
+Level = Mapping[str, Statement]
+Levels = Sequence[Level]
+
+
 def meaning_of(name: str) -> tuple[str, float]:
     """Return what a name states, and the factor of a unit at its end.
 
@@ -87,7 +92,7 @@ def statements(values: Mapping[str, Any]) -> dict[str, Statement]:
     return by_meaning
 
 
-def clock_of(levels: Sequence[Mapping[str, Statement]], where: str) -> Clock | None:
+def clock_of(levels: Levels, where: str) -> Clock | None:
     """Return the clock that a file states for a column; None without a rate or an interval.
 
     ``levels``: statements about the column, nearest first, each hiding those behind it; ``where``:
@@ -125,7 +130,7 @@ def clock_of(levels: Sequence[Mapping[str, Statement]], where: str) -> Clock | N
     return Clock(rate_hz, max(SAME_RATE, difference, spacing["rate"] / rate_hz), start)
 
 
-def start_of(levels: Sequence[Mapping[str, Statement]]) -> StartTime | None:
+def start_of(levels: Levels) -> StartTime | None:
     """Return the start that a file states: a date, or seconds on its own clock; None if neither."""
     statement = next((level["start"] for level in levels if "start" in level), None)
     value = None if statement is None else scalar(statement.value)
@@ -159,7 +164,7 @@ def seconds_since(unit: str) -> tuple[float, StartTime] | None:
     return None if factor is None or start is None else (factor, start)
 
 
-def unit_of(level: Mapping[str, Statement], index: int = 0, count: int = 1) -> str:
+def unit_of(level: Level, index: int = 0, count: int = 1) -> str:
     """Return the stated unit of a column; "" if none.
 
     Several units state those of as many columns: ``index`` of ``count``.
@@ -176,8 +181,8 @@ def unit_of(level: Mapping[str, Statement], index: int = 0, count: int = 1) -> s
 
 def nearest_unit(
     name: str,
-    own_statements: Mapping[str, Statement],
-    outer: Mapping[str, Statement],
+    own_statements: Level,
+    outer: Level,
     index: int = 0,
     count: int = 1,
 ) -> str:

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.columns import MAX_LINE_LENGTH, Channel, ColumnFile, StartTime, reading
+from vibrident.data.io.columns import (
+    MAX_LINE_LENGTH,
+    Channel,
+    ColumnFile,
+    IntArray,
+    Positions,
+    StartTime,
+    reading,
+)
 from vibrident.data.io.csv_layout import (
     TEXT_OF_COLUMNS,
     CsvLayout,
@@ -32,9 +39,9 @@ _CHUNK_BYTES = 1 << 20  # counting needs ten times as much memory
 _NEWLINE = ord("\n")
 
 
-def row_lines(text: PlainText, file: str, layout: CsvLayout) -> NDArray[np.int64]:
+def row_lines(text: PlainText, file: str, layout: CsvLayout) -> IntArray:
     """Return the line number, from 1, of every row; InputError for one of other fields."""
-    numbers: list[NDArray[np.int64]] = []
+    numbers: list[IntArray] = []
     line = layout.first_line
     with text.open() as stream:
         stream.seek(layout.offset)
@@ -85,7 +92,7 @@ def _chunks_of_lines(stream: BinaryIO) -> Iterator[bytes | None]:
         yield remainder
 
 
-def _field_counts(chunk: bytes, layout: CsvLayout) -> NDArray[np.int64]:
+def _field_counts(chunk: bytes, layout: CsvLayout) -> IntArray:
     """Return the number of fields of each line; 0 for a blank line."""
     lines = chunk.removesuffix(b"\n").split(b"\n")
     if b'"' in chunk:
@@ -111,6 +118,7 @@ _NO_VALUE = frozenset({
 class CsvFile(ColumnFile):
     """A text file of columns: layout from its first lines, numbers from pandas' C parser."""
 
+    expected = TEXT_OF_COLUMNS
     word = "column"
 
     def __init__(self, path: Path) -> None:
@@ -129,7 +137,7 @@ class CsvFile(ColumnFile):
         super().__init__(path, channels, {})
 
     @cached_property
-    def _row_lines(self) -> NDArray[np.int64]:
+    def _row_lines(self) -> IntArray:
         try:
             return row_lines(self._text, self.file, self._layout)
         except InputError:
@@ -156,12 +164,12 @@ class CsvFile(ColumnFile):
         stamps = self._stamps(position)
         return StartTime(int(stamps.ns[0]), epoch=stamps.dated)
 
-    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
+    def load(self, positions: Positions) -> tuple[FloatArray, ...]:
         """Parse these columns; each has shape (rows,).
 
         An empty cell is NaN; a time of day is in seconds since the first.
         """
-        with reading(self._path, TEXT_OF_COLUMNS):
+        with reading(self._path, self.expected):
             numbers = [position for position in positions if not self.in_seconds(position)]
             loaded = self._load_numbers(numbers) if numbers else ()
             columns = dict(zip(numbers, loaded, strict=True))
@@ -172,7 +180,7 @@ class CsvFile(ColumnFile):
 
     @cached_property
     def _first_row(self) -> list[str]:
-        with reading(self._path, TEXT_OF_COLUMNS):
+        with reading(self._path, self.expected):
             return next((cells for _, cells in numbered_rows(self._text, self._layout)), [])
 
     def _stamps(self, position: int) -> Stamps:
@@ -208,7 +216,7 @@ class CsvFile(ColumnFile):
             remedy="export the data without line ends inside cells",
         )
 
-    def _load_numbers(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
+    def _load_numbers(self, positions: Positions) -> tuple[FloatArray, ...]:
         try:
             self._refuse_summary()
             return self._load_quickly(positions)
@@ -217,7 +225,7 @@ class CsvFile(ColumnFile):
                 raise self._text_error(positions, error) from error
         return self._load_numbers(positions)
 
-    def _load_quickly(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
+    def _load_quickly(self, positions: Positions) -> tuple[FloatArray, ...]:
         """Return columns of numbers; ValueError and its like for other text."""
         rows = self._row_lines.size
         fields = self._layout.fields
@@ -306,7 +314,7 @@ class CsvFile(ColumnFile):
                 remedy="remove the lines below the data, such as mean and maximum",
             )
 
-    def _text_error(self, positions: Sequence[int], error: Exception) -> InputError:
+    def _text_error(self, positions: Positions, error: Exception) -> InputError:
         """Return the error of the first cell that the parser refused."""
         sign = self._layout.decimal
         for line, cells in numbered_rows(self._text, self._layout):

@@ -33,7 +33,6 @@ from vibrident.data.io.title_rows import names_and_units
 from vibrident.data.io.units import without_brackets
 from vibrident.data.records import FloatArray
 
-_EXPECTED = "an Excel workbook (.xlsx) whose sheets have columns of numbers"
 _MAX_HEAD_ROWS = 200  # above the names
 _ERRORS = frozenset({"#N/A", "#DIV/0!", "#VALUE!", "#REF!", "#NAME?", "#NUM!", "#NULL!"})
 _GAP = "\t"  # between the cells of a head, which is read as that of a text file
@@ -72,6 +71,7 @@ class _SheetColumn:
 class ExcelFile(ColumnFile):
     """A workbook, values as they were last computed; a cell without a number becomes NaN."""
 
+    expected = "an Excel workbook (.xlsx) whose sheets have columns of numbers"
     word = "column"
 
     def __init__(self, path: Path) -> None:
@@ -80,7 +80,7 @@ class ExcelFile(ColumnFile):
         refused: dict[str, str] = {}
         self._sheets: list[str] = []
         self._numbered = 0
-        with reading(path, _EXPECTED):
+        with reading(path, self.expected):
             with zipfile.ZipFile(path) as packed:  # a small file may unpack to a large one
                 require_room(path, sum(member.file_size for member in packed.infolist()) // 8)
             with warnings.catch_warnings():
@@ -98,10 +98,8 @@ class ExcelFile(ColumnFile):
         """Return the columns of the first sheet."""
         return tuple(range(self._numbered))
 
-    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Read these columns; each has shape (rows,). Times become seconds since the first."""
-        handles = self._handles(positions)
-        return tuple(np.array(values, dtype=np.float64) for values in handles)
+    def _read(self, handles: Sequence[array[float]]) -> Iterator[FloatArray]:
+        return (np.array(values, dtype=np.float64) for values in handles)
 
     def _take(
         self, rows: Iterator[_Row], channels: list[Channel], refused: dict[str, str], path: Path
