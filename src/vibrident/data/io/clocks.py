@@ -130,16 +130,14 @@ class ClockReader:
             candidates = sorted([*candidates, requested])
         if not candidates:
             return None, False
-        groups: list[list[int]] = []  # time columns side by side are one clock
-        for column in candidates:
-            if groups and column == groups[-1][-1] + 1:
-                groups[-1].append(column)
-            else:
-                groups.append([column])
-        group = next((g for g in reversed(groups) if g[0] < position), groups[0])
-        if requested is not None and (requested in group or len(groups) == 1):
-            return requested, True
-        return group[0], requested is not None
+        # time columns side by side are one clock
+        firsts = [column for column in candidates if column - 1 not in candidates]
+        first = max((column for column in firsts if column < position), default=firsts[0])
+        if requested is not None:
+            first_of_requested = max(column for column in firsts if column <= requested)
+            if first_of_requested == first or len(firsts) == 1:
+                return requested, True
+        return first, requested is not None
 
     def _requested_column(self, source: ColumnFile, channels: Positions) -> int | None:
         """Return the column that the calibration file names, in this file; None for none."""
@@ -148,9 +146,8 @@ class ClockReader:
         if source is self.main:
             return source.position_of(self.time_column, "[sampling] time_column")
         if isinstance(self.time_column, str):
-            return (
-                source.names.index(self.time_column) if self.time_column in source.names else None
-            )
+            names = source.names
+            return names.index(self.time_column) if self.time_column in names else None
         position = self.time_column - 1
         if position >= len(source.names) or position in channels:
             return None

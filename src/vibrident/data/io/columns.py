@@ -27,6 +27,18 @@ _MAX_NAMES_IN_MESSAGE = 12  # further names are counted only
 _MAX_NAME_LENGTH = 100  # characters; longer names are cut
 _NUMBER_BYTES = 8
 
+#: What the system says of a file → reason and remedy.
+_REASONS: dict[type[BaseException], tuple[str, str]] = {
+    FileNotFoundError: (
+        "no file of that name",
+        "check the path; paths in a calibration file start at its folder",
+    ),
+    IsADirectoryError: (
+        "a folder",
+        "name a file in it; of data files also a glob such as 'folder/*.csv'",
+    ),
+    PermissionError: ("a file that may not be read", "ask for the right to read it"),
+}
 #: Places of columns in ``names`` of a file, from 0.
 Positions = Sequence[int]
 IntArray = NDArray[np.int64]
@@ -243,9 +255,6 @@ class ColumnFile:
         """Return whether ``block`` reads a part of a column alone, whose clock needs no stamps."""
         return False
 
-    def _handles(self, positions: Positions) -> list[Any]:
-        return [self._channels[position].handle for position in positions]
-
     def _loaded_columns(self, positions: Positions) -> list[FloatArray]:
         missing = [position for position in positions if position not in self._loaded]
         self._loaded.update(zip(missing, self.load(missing) if missing else (), strict=True))
@@ -304,24 +313,20 @@ class ColumnFile:
             )
         if isinstance(column, int):
             return self._position_of_number(column, where)
-        matches = [position for position, name in enumerate(self.names) if name == column_name]
-        if not matches:  # "S" for "S [mV/g]"
-            plain = [split_brackets(name)[0] for name in self.names]
-            matches = [position for position, name in enumerate(plain) if name == column_name]
-        if len(matches) == 1:
-            return matches[0]
-        if matches:
-            numbers = " or ".join(
-                str(self.numbered.index(p) + 1) for p in matches if p in self.numbered
-            )
-            raise InputError(
-                f"The column name {column!r} is not unique.",
-                expected="a name that occurs once in the header, or a column number",
-                found=f"{len(matches)} columns of that name",
-                where=where,
-                remedy=f"use a column number instead: {numbers}",
-            )
-        named = [name for name in self.names if name]
+        plain = [split_brackets(name)[0] for name in self.names]  # "S" for "S [mV/g]"
+        for names in (self.names, plain):
+            matches = [position for position, name in enumerate(names) if name == column_name]
+            if len(matches) == 1:
+                return matches[0]
+            if matches:
+                numbers = [self.numbered.index(p) + 1 for p in matches if p in self.numbered]
+                raise InputError(
+                    f"The column name {column!r} is not unique.",
+                    expected="a name that occurs once in the header, or a column number",
+                    found=f"{len(matches)} columns of that name",
+                    where=where,
+                    remedy=f"use a column number instead: {' or '.join(map(str, numbers))}",
+                )
         raise InputError(
             f"There is no column named {column!r}.",
             expected=self._offer(),
@@ -329,7 +334,7 @@ class ColumnFile:
             where=where,
             remedy=did_you_mean(
                 column_name,
-                named,
+                filter(None, self.names),
                 "give one of these names, or a column number from 1",
                 likeness=0.4,
             ),
@@ -340,6 +345,8 @@ class ColumnFile:
         return name.strip()
 
     def _position_of_number(self, number: int, where: str) -> int:
+        if 1 <= number <= len(self.numbered):
+            return self.numbered[number - 1]
         if not self.numbered:
             raise InputError(
                 "A column number is ambiguous in this file.",
@@ -348,15 +355,13 @@ class ColumnFile:
                 where=where,
                 remedy="give the name",
             )
-        if not 1 <= number <= len(self.numbered):
-            raise InputError(
-                "There is no column of that number.",
-                expected=f"a number from 1 to {len(self.numbered)}",
-                found=f"column {number}",
-                where=where,
-                remedy="columns are counted from 1; " + self._offer(),
-            )
-        return self.numbered[number - 1]
+        raise InputError(
+            "There is no column of that number.",
+            expected=f"a number from 1 to {len(self.numbered)}",
+            found=f"column {number}",
+            where=where,
+            remedy="columns are counted from 1; " + self._offer(),
+        )
 
     def _offer(self) -> str:
         named = [name for name in self.names if name]
@@ -427,17 +432,6 @@ def reading(path: Path, expected: str) -> Iterator[None]:
 
 def unreadable(file: str, error: BaseException, expected: str) -> InputError:
     """Return the InputError for a file that the system or a format library refuses."""
-    reasons: dict[type[BaseException], tuple[str, str]] = {
-        FileNotFoundError: (
-            "no file of that name",
-            "check the path; paths in a calibration file start at its folder",
-        ),
-        IsADirectoryError: (
-            "a folder",
-            "name a file in it; of data files also a glob such as 'folder/*.csv'",
-        ),
-        PermissionError: ("a file that may not be read", "ask for the right to read it"),
-    }
     if isinstance(error, MemoryError):
         return InputError(
             "The file does not fit in memory.",
@@ -446,7 +440,7 @@ def unreadable(file: str, error: BaseException, expected: str) -> InputError:
             where=file,
             remedy="check that the file is whole; read a shorter record, or free memory",
         )
-    reason, remedy = reasons.get(
+    reason, remedy = _REASONS.get(
         type(error), (f"{type(error).__name__}: {error}", "check that the file is whole")
     )
     return InputError(

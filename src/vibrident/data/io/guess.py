@@ -98,10 +98,9 @@ def guess_columns(path: Path) -> Columns:
     """
     source = open_columns(path)
     choices = _choices(source)
-    names = []
-    for position, name in enumerate(source.names):
-        unit = source.stated_unit(position)
-        names.append(f"{name} [{unit}]" if unit else name)
+    units = map(source.stated_unit, range(len(source.names)))
+    pairs = zip(source.names, units, strict=True)
+    names = [f"{name} [{unit}]" if unit else name for name, unit in pairs]
     free = [p for p, name in enumerate(names) if not _INDEX.fullmatch(name.strip())]
     clocks = (file_clock(source, position) for position in free)
     clock = next(filter(None, clocks), None)
@@ -229,13 +228,15 @@ def _table(names: Sequence[str]) -> dict[str, int]:
     stated = [p for p, name in enumerate(names) if not _EXPANDED.search(name)]
     uncertainties = [p for p in stated if _UNCERTAIN.search(names[p])]
     values = [p for p in stated if p not in uncertainties]
+    ways = (
+        ("frequency", values, _FREQUENCY.match),
+        ("magnitude", values, _MAGNITUDE.match),
+        ("phase", values, _PHASE.match),
+        ("magnitude_uncertainty", uncertainties, _MAGNITUDE.search),
+        ("phase_uncertainty", uncertainties, _PHASE.search),
+    )
     positions = {
-        "frequency": next((p for p in values if _FREQUENCY.match(names[p])), None),
-        "magnitude": next((p for p in values if _MAGNITUDE.match(names[p])), None),
-        "phase": next((p for p in values if _PHASE.match(names[p])), None),
-        "magnitude_uncertainty": next(
-            (p for p in uncertainties if _MAGNITUDE.search(names[p])), None
-        ),
-        "phase_uncertainty": next((p for p in uncertainties if _PHASE.search(names[p])), None),
+        key: next((p for p in candidates if matches(names[p])), None)
+        for key, candidates, matches in ways
     }
     return {key: position for key, position in positions.items() if position is not None}

@@ -63,27 +63,36 @@ def packing_of(dataset: Any, where: str) -> Packing | None:
 
     InputError: a scale or an offset is no finite number, or the scale is 0.
     """
-    numbers = {"scale_factor": 1.0, "add_offset": 0.0}
-    for name in numbers:
-        if name in dataset.attrs:
-            value = np.asarray(dataset.attrs[name])
-            plain = value.size == 1 and value.dtype.kind in "iuf"
-            numbers[name] = float(value.reshape(-1)[0]) if plain else math.nan
-            if not math.isfinite(numbers[name]) or numbers["scale_factor"] == 0.0:
-                raise InputError(
-                    "A dataset's numbers cannot be scaled as the file says.",
-                    expected=f"{name} to be one finite number, and scale_factor not 0",
-                    found=f"{name} = {dataset.attrs[name]!r}",
-                    where=where,
-                    remedy="correct the attribute, or write the dataset's values unpacked",
-                )
-    missing: list[float] = []
-    for name in ("_FillValue", "missing_value"):
-        value = np.asarray(dataset.attrs.get(name, ()))
-        if value.dtype.kind in "iuf":
-            missing += [float(number) for number in value.reshape(-1) if np.isfinite(number)]
-    packing = Packing(numbers["scale_factor"], numbers["add_offset"], tuple(missing))
+    scale = _packing_number(dataset, "scale_factor", 1.0, where)
+    offset = _packing_number(dataset, "add_offset", 0.0, where)
+    stored = [
+        np.asarray(dataset.attrs.get(name, ())).reshape(-1)
+        for name in ("_FillValue", "missing_value")
+    ]
+    missing = [
+        float(number)
+        for numbers in stored
+        if numbers.dtype.kind in "iuf"
+        for number in numbers[np.isfinite(numbers)]
+    ]
+    packing = Packing(scale, offset, tuple(missing))
     return None if packing == Packing(1.0, 0.0, ()) else packing
+
+
+def _packing_number(dataset: Any, name: str, default: float, where: str) -> float:
+    """Return the number of an attribute, finite and, of a scale, not 0."""
+    value = np.asarray(dataset.attrs.get(name, default))
+    if value.size == 1 and value.dtype.kind in "iuf":
+        number = float(value.reshape(-1)[0])
+        if math.isfinite(number) and (number != 0.0 or name != "scale_factor"):
+            return number
+    raise InputError(
+        "A dataset's numbers cannot be scaled as the file says.",
+        expected=f"{name} to be one finite number, and scale_factor not 0",
+        found=f"{name} = {dataset.attrs[name]!r}",
+        where=where,
+        remedy="correct the attribute, or write the dataset's values unpacked",
+    )
 
 
 def axes_of(file: Any, arrays: Sequence[str]) -> dict[str, str]:

@@ -102,14 +102,8 @@ class PlainText:
         self._is_odd = True
 
     def _decoded(self) -> bytes:
-        with self._path.open("rb") as stream:
-            if not self.wide:
-                return stream.read()
-            decoder = codecs.getincrementaldecoder(self.wide)(errors="replace")
-            blocks: list[bytes] = []
-            while block := stream.read(_BLOCK_BYTES):
-                blocks.append(decoder.decode(block).encode())
-            return b"".join([*blocks, decoder.decode(b"", final=True).encode()])
+        content = self._path.read_bytes()
+        return content.decode(self.wide, errors="replace").encode() if self.wide else content
 
 
 def respelled(text: str, delimiter: str) -> str:

@@ -100,34 +100,28 @@ def clock_of(levels: Levels, where: str) -> Clock | None:
     beside it is of another rate.
     """
     level = next((level for level in levels if {"rate", "interval"} & level.keys()), {})
-    numbers = {
-        meaning: _positive(level[meaning], where)
-        for meaning in ("rate", "interval")
-        if meaning in level
-    }
-    if not numbers:
-        return None
+    rate = level.get("rate")
+    interval = level.get("interval")
+    interval_s = None if interval is None else _positive(interval, where)
     start = start_of(levels)
-    spacing = {meaning: _half_spacing(level[meaning]) for meaning in numbers}
-    if "rate" not in numbers:
-        if spacing["interval"]:
-            return plainest_clock(numbers["interval"], spacing["interval"], start)
-        return Clock(1.0 / numbers["interval"], start=start)
-    rate_hz = numbers["rate"]
-    difference = abs(rate_hz * numbers.get("interval", 1.0 / rate_hz) - 1.0)
-    if difference > _MAX_ROUNDING:
-        clocks = [
-            f"{statement.name} = {statement.value!r}"
-            for statement in map(level.get, numbers)
-            if statement
-        ]
+    if rate is None:
+        if interval is None or interval_s is None:
+            return None
+        half_unit_s = _half_spacing(interval)
+        if half_unit_s:
+            return plainest_clock(interval_s, half_unit_s, start)
+        return Clock(1.0 / interval_s, start=start)
+    rate_hz = _positive(rate, where)
+    difference = 0.0 if interval_s is None else abs(rate_hz * interval_s - 1.0)
+    if interval is not None and difference > _MAX_ROUNDING:
         raise _unusable(
             "The file states two sampling rates.",
-            f"{level['interval'].name} to be 1/{level['rate'].name}",
-            " and ".join(clocks),
+            f"{interval.name} to be 1/{rate.name}",
+            f"{rate.name} = {rate.value!r} and {interval.name} = {interval.value!r}",
             where,
         )
-    return Clock(rate_hz, max(SAME_RATE, difference, spacing["rate"] / rate_hz), start)
+    rounding = max(SAME_RATE, difference, _half_spacing(rate) / rate_hz)
+    return Clock(rate_hz, rounding, start)
 
 
 def start_of(levels: Levels) -> StartTime | None:

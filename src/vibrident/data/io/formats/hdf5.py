@@ -52,7 +52,7 @@ class Hdf5File(ArrayFile):
     def __init__(self, path: Path) -> None:
         import h5py
 
-        columns: list[ArrayColumn] = []
+        columns: dict[str, tuple[ArrayColumn, ...]] = {}  # by array
         refused: dict[str, str] = {}
 
         def visit(array: str, item: Any) -> None:
@@ -62,38 +62,39 @@ class Hdf5File(ArrayFile):
             name = array.replace("/", self.separator)
             reason = _reason_against(item)
             usable = () if reason else columns_of(array, name, item.shape, item.dtype)
-            columns.extend(usable)
-            if not usable:
+            if usable:
+                columns[array] = usable
+            else:
                 refused[name] = reason or _no_columns(item)
             require_few(path, [*columns, *refused], "datasets")
 
         with reading(path, self.expected), h5py.File(path, "r") as file:
             file.visititems(visit)
-            arrays = list(dict.fromkeys(column.array for column in columns))
-            packing = {
-                array: packing_of(file[array], f"{path}, array {array!r}") for array in arrays
+            self._packing = {
+                array: packing
+                for array in columns
+                if (packing := packing_of(file[array], f"{path}, array {array!r}"))
             }
-            self._axes = axes_of(file, arrays)
+            self._axes = axes_of(file, [*columns])
             groups: dict[str, Level] = {}
-            levels = {array: levels_of(file, array, groups) for array in arrays}
-        self._packing = {array: packed for array, packed in packing.items() if packed}
+            levels = {array: levels_of(file, array, groups) for array in columns}
         self._since: dict[str, tuple[float, StartTime]] = {}  # of arrays of times since a date
         self._roomy = 0  # most values of a block for which there was room
         channels = [
             channel
-            for array in arrays
-            for channel in self._described([c for c in columns if c.array == array], levels, path)
+            for array, usable in columns.items()
+            for channel in self._described(array, usable, levels, path)
         ]
         super().__init__(path, channels, refused)
 
     def _described(
         self,
+        array: str,
         columns: Sequence[ArrayColumn],
         levels: Mapping[str, Levels],
         path: Path,
     ) -> Iterator[Channel]:
         """Yield the channels of one array; over frequency, its axis is one of them."""
-        array = columns[0].array
         axis = self._axes.get(array, "")
         axis_unit = unit_of(levels[axis][0]) if axis else ""
         over_frequency = is_frequency(axis.rsplit("/", 1)[-1], axis_unit)
@@ -150,7 +151,7 @@ class Hdf5File(ArrayFile):
 
         See ColumnFile. Integers of up to 16 bits become float32, which holds them exactly.
         """
-        columns: list[ArrayColumn] = self._handles(positions)
+        columns: list[ArrayColumn] = [self._channels[p].handle for p in positions]
         with reading(self._path, self.expected):
             if len(columns) * (stop - start) > self._roomy:
                 require_room(self._path, len(columns) * (stop - start))
