@@ -28,6 +28,7 @@ from vibrident.data.io.title_rows import (
     keys_over_values,
     names_and_units,
 )
+from vibrident.data.io.vocabulary import VOCABULARY
 
 TEXT_OF_COLUMNS = "a text file of columns"
 _MAX_HEAD_BYTES = MAX_LINE_LENGTH
@@ -43,7 +44,8 @@ _NUMBER = {
 _ODD = re.compile(r'[^0-9.,;eE" \t\r+-]|[+-](?![0-9.,])')  # beside plain numbers
 _LETTER = re.compile(r"[\w%°]")  # a line of dashes below the titles has none
 _DECIMAL_COMMA = re.compile(r"\d,\d")
-_MISSING = frozenset({"", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "<na>"})
+#: What pandas takes for a missing value.
+NO_VALUE = frozenset(VOCABULARY["missing"])
 #: Delimiters and decimal signs, tried in this order; an earlier pair wins a tie. The comma is both
 #: only in quoted cells.
 _CANDIDATES = (
@@ -387,9 +389,7 @@ def _columns_with_text(row: Sequence[str], numeric: Sequence[int], decimal: str)
     return [
         column
         for column in numeric
-        if column < len(row)
-        and not is_number(row[column], decimal)
-        and row[column].lower() not in _MISSING
+        if column < len(row) and not is_number(row[column], decimal) and row[column] not in NO_VALUE
     ]
 
 

@@ -17,6 +17,7 @@ from vibrident.data.io.reader import open_columns
 from vibrident.data.io.table_column import TableColumn
 from vibrident.data.io.table_units import stated_sensitivity
 from vibrident.data.io.units import quantity_of
+from vibrident.data.io.vocabulary import VOCABULARY
 
 _FREQUENCY = re.compile(r"f|freq.*|frequenz.*", re.IGNORECASE)
 _MAGNITUDE = re.compile(r"mag(nitude)?|abs.*|ampl.*|sens.*|betrag.*", re.IGNORECASE)
@@ -24,21 +25,10 @@ _PHASE = re.compile(r"(phase|phi|arg)", re.IGNORECASE)
 _UNCERTAIN = re.compile(r"unc|sigma|std|unsicherheit|(^|[_\s])(?-i:u)([_\s(]|$)", re.IGNORECASE)
 #: Not standard uncertainties.
 _EXPANDED = re.compile(r"expanded|erweitert|(^|[_\s])(?-i:U)([_\s(/]|$)", re.IGNORECASE)
-#: Words in a reference's name, the surest first, and their quantities.
-_REFERENCES = (
-    (re.compile(r"ref|bezug", re.IGNORECASE), None),
-    (re.compile(r"acc|beschl|a_in|m/s[\^]?2|m/s²", re.IGNORECASE), "acceleration"),
-    (re.compile(r"vel|geschw|vibrometer", re.IGNORECASE), "velocity"),
-    (re.compile(r"force|hammer|kraft", re.IGNORECASE), "force"),
-    (re.compile(r"drive|gen|excit|anregung|input", re.IGNORECASE), "drive"),
-    (re.compile(r"disp|interferom|laser|weg", re.IGNORECASE), "displacement"),
-)
+#: Words in a reference's name, the surest first, and their quantities; "" for none.
+_REFERENCES = [(re.compile(p, re.IGNORECASE), q) for p, q in VOCABULARY["guess"]["references"]]
 #: Names of photodetector signals: cos and sin of the phase, each with the name of its partner.
-_DETECTORS = (
-    (r"(u|pd|det\w*?|photo\w*?|quad\w*?)[ _]?1", r"(u|pd|det\w*?|photo\w*?|quad\w*?)[ _]?2"),
-    (r"cos\w*", r"sin\w*"),
-    (r"i|in[ _-]?phase", r"q|quadrature"),
-)
+_DETECTORS: list[list[str]] = VOCABULARY["guess"]["detectors"]
 _CARRIER = re.compile(r"hetero|beat|carrier", re.IGNORECASE)
 _RESPONSE = re.compile(
     r"resp|out|dut|sensor|volt|charge|signal|laser|pickup|"
@@ -53,13 +43,7 @@ _CHANNEL = re.compile(
     r"(?:ch(?:an(?:nel)?)?|kanal|ai|in(?:put)?|no|nr|#)?[\s._:#/-]*\d+", re.IGNORECASE
 )
 _MAX_NAME_LENGTH = 200
-_EXCITATIONS = (
-    ("multisine", re.compile(r"multi", re.IGNORECASE)),
-    ("sweep", re.compile(r"sweep|chirp", re.IGNORECASE)),
-    ("random", re.compile(r"random|noise|rausch", re.IGNORECASE)),
-    ("shock", re.compile(r"shock|impact|hammer|stoss|stoß", re.IGNORECASE)),
-    ("decay", re.compile(r"decay|free|damping", re.IGNORECASE)),
-)
+_EXCITATIONS = [(re.compile(p, re.IGNORECASE), e) for p, e in VOCABULARY["guess"]["excitations"]]
 
 
 @dataclass(frozen=True)
@@ -122,7 +106,7 @@ def guess_columns(path: Path) -> Columns:
         response_unit, quantity = _sensitivity(source, table["magnitude"])
         unit = ""
     kind = {1: "heterodyne", 2: "quadrature"}.get(len(detectors))
-    excitation = next((kind for kind, name in _EXCITATIONS if name.search(path.stem)), None)
+    excitation = next((kind for name, kind in _EXCITATIONS if name.search(path.stem)), None)
     document: dict[str, dict[str, Any]] = {
         "reference": {
             "column": choices.get(reference),

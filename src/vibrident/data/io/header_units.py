@@ -31,18 +31,14 @@ from vibrident.data.io.units import (
     quantity_of,
     split_unit,
 )
+from vibrident.data.io.vocabulary import VOCABULARY
 from vibrident.data.records import REFERENCE_UNITS, STANDARD_GRAVITY
 
 _SAME_FACTOR = 1e-3  # relative; a scale this close to a conversion is that conversion (9.81 for g)
 #: A unit behind an underscore or a blank, of times only: "_m" or "_a" are ambiguous.
 _SUFFIX = re.compile(r"^.*\w[_.\s-]+([^\W\d_]+)$")
 _RUN_ON = re.compile(r"^(?:t|time|timestamp|zeit|elapsed)(ms|us|ns|µs|μs)$", re.IGNORECASE)
-_TIME_NAMES = frozenset(
-    {"t", "time", "times", "timestamp", "zeit", "seconds", "second", "sec", "elapsed",
-     "elapsed time", "relative time", "时间", "時間", "时刻", "время", "temps",
-     "tiempo", "tempo", "x_value", "timestamps",
-     "uhrzeit", "zeitstempel", "datetime", "date/time", "date time", "seconds_elapsed"}
-)  # fmt: skip
+_TIME_NAMES = frozenset(VOCABULARY["times"])
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,8 @@ import re
 from pathlib import Path
 from typing import BinaryIO
 
+from vibrident.data.io.vocabulary import VOCABULARY
+
 #: Stands for one or more blanks or tabs as the delimiter.
 BLANKS = " "
 TAIL_BYTES = 1 << 14  # at the end of a file, in which its last row is sought
@@ -21,23 +23,7 @@ _SEPARATORS = b',;\t "\r'
 _WIDE_SHARE = 0.75  # of the bytes at odd or at even places that are zero in UTF-16 of numbers
 _BLOCK_BYTES = 1 << 20
 #: What instruments write for a value beyond their range, in lower case.
-OVERFLOWS = (
-    *(
-        "ovld",
-        "ovl",
-        "ol",
-        "o.l",
-        "o.l.",
-        "overload",
-        "over load",
-        "overflow",
-        "over",
-        "over range",
-    ),
-    *("overrange", "over-range", "overscale", "underflow", "under range", "underrange", "under"),
-    *("burn out", "burnout", "burn-out", "clip", "clipped", "1.#ind", "1.#qnan", "#div/0!", "#nv"),
-    *("#n/v", "#value!", "#num!", "invalid", "---", "--"),
-)
+OVERFLOWS: tuple[str, ...] = tuple(VOCABULARY["overflows"])
 _REPEATED = r"\+{3,}|-{3,}|\*{3,}|#{3,}"
 _WORD_LIKE = re.compile(r"[A-Za-z#*][A-Za-z#*./ ]|[+-]{2}")
 _PLAIN = b'0123456789.,;+-eE" \t\r\n'

@@ -19,25 +19,11 @@ from vibrident.data.io.columns import Clock, StartTime
 from vibrident.data.io.header_units import is_time
 from vibrident.data.io.sampling import SAME_RATE, plainest_clock
 from vibrident.data.io.units import factor_between
+from vibrident.data.io.vocabulary import VOCABULARY
 
-#: Words, without blanks and signs. "FS" is a full scale and "ts" a time stamp, so these are as
-#: they are spelled.
-_SPELLED = {"fs": "rate", "Fs": "rate", "dt": "interval", "Dt": "interval", "Ts": "interval"}
-_WORDS = {
-    "rate": "samplingrate samplerate samplefrequency samplingfrequency samplingfreq samplefreq "
-    "samplespersecond ratehz fsamp scanrate nisamplingrate nisamplerate",
-    "interval": "samplinginterval sampleinterval samplingperiod sampleperiod deltat timestep "
-    "timeincrement wfincrement",
-    "start": "t0 starttime tstart timestart startdatetime recordingstart wfstarttime",
-    "unit": "unit units unitstring unitname unitsymbol niunitdescription unitdescription "
-    "yunit yunits physicalunit physicalunits engineeringunit engineeringunits",
-}
-_MEANINGS = {word: meaning for meaning, words in _WORDS.items() for word in words.split()}
-#: Units at the end of a name, and of a rate's text. No converter counts in thousandths of a hertz.
-_SUFFIXES = {
-    "khz": 1e3, "mhz": 1e6, "hz": 1.0, "sps": 1.0, "utc": 1.0, "sec": 1.0,
-    "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "s": 1.0,
-}  # fmt: skip
+_SPELLED: dict[str, str] = VOCABULARY["metadata_spelled"]
+_MEANINGS = {word: meaning for meaning, words in VOCABULARY["metadata"].items() for word in words}
+_SUFFIXES: dict[str, float] = VOCABULARY["metadata_suffixes"]
 _SPELLED_NAME = re.compile(r"(\w\w)[ _(\[]*(k?[Hh]z|[mun]?s)?[)\]]?")
 _NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\s\d]*)\s*")
 _DATE = re.compile(

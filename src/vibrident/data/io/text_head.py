@@ -16,30 +16,10 @@ from vibrident.data.io.plain_text import BLANKS
 from vibrident.data.io.sampling import agreed_clock, plainest_clock
 from vibrident.data.io.stamps import has_fraction, is_stamp, parse_stamps
 from vibrident.data.io.units import Unit, is_no_unit, parse_unit, without_brackets
+from vibrident.data.io.vocabulary import VOCABULARY
 
-#: Keys of a statement, by what they state; a blank stands for "_", "-", "." and blanks, or none.
-_KEYS = {
-    kind: keys.split(", ")
-    for kind, keys in {
-        "rate": "sample rate, sampling rate, sample frequency, sampling frequency, sample freq, "
-        "sampling freq, samp rate, samples per second, samples per sec, samples/sec, samples/s, "
-        "sps, scan rate, acquisition rate, srate, fs, rate, sampling, abtastrate, abtastfrequenz, "
-        "abtastung, messrate, fréquence d'échantillonnage, frecuencia de muestreo, "
-        "frequenza di campionamento, 采样率, 采样频率, サンプリング周波数, サンプリングレート, "
-        "частота дискретизации",
-        "interval": "sample interval, sampling interval, sample period, sampling period, "
-        "scan interval, time increment, time step, delta x, delta t, delta, Δt, dt, x increment, "
-        "x incr, increment, interval, t inc, abtastintervall, intervall, abtastperiode, "
-        "abtastzeit, zeitschritt, schrittweite, période d'échantillonnage, periodo de muestreo, "
-        "采样间隔, 采样周期, サンプリング周期, サンプリング間隔, "
-        "период дискретизации, интервал дискретизации",
-        "start": "start time, start, x zero, x0, t0, startzeit, 开始时间",
-        "units": "y unit label, vertical units, y units, units, unit, einheiten, einheit, unités, "
-        "unidades, 单位, 単位, единицы",
-        "time_unit": "horizontal units, x units, x unit",
-        "dimension": "x dimension",
-    }.items()
-}
+#: Keys of a statement, by what they state.
+_KEYS: dict[str, list[str]] = VOCABULARY["head"]
 #: Of a sampling if they have a unit of it.
 _OF_ANYTHING = frozenset(
     {"rate", "sampling", "abtastung", "delta", "increment", "interval", "intervall"}

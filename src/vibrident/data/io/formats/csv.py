@@ -20,6 +20,7 @@ from vibrident.data.io.columns import (
     reading,
 )
 from vibrident.data.io.csv_layout import (
+    NO_VALUE,
     TEXT_OF_COLUMNS,
     CsvLayout,
     is_number,
@@ -108,11 +109,6 @@ def _field_counts(chunk: bytes, layout: CsvLayout) -> IntArray:
 
 MAX_LIGHT_BYTES = 1 << 20  # files up to this size are read without pandas: loading it takes longer
 PLAIN = b"0123456789+-eE\n"  # numbers and lines, beside delimiter and decimal sign
-#: What pandas takes for a missing value.
-_NO_VALUE = frozenset({
-    "", "NaN", "nan", "-NaN", "-nan", "NA", "N/A", "n/a", "NULL", "null", "None", "<NA>", "#N/A",
-    "#NA", "#N/A N/A", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN",
-})  # fmt: skip
 
 
 class CsvFile(ColumnFile):
@@ -192,7 +188,7 @@ class CsvFile(ColumnFile):
             if len(cells) != size:
                 raise self._torn_rows(len(cells))
             self._parsed[position] = parse_stamps(
-                cells, _NO_VALUE, lambda row: self.locate(position, row)
+                cells, NO_VALUE, lambda row: self.locate(position, row)
             )
         return self._parsed[position]
 
@@ -305,7 +301,7 @@ class CsvFile(ColumnFile):
         gap = self._layout.delimiter
         word = (split_line(respelled(last, gap), gap) or [""])[0]
         numeric = is_number(first, self._layout.decimal) or is_stamp(first)
-        if word[:1].isalpha() and word not in _NO_VALUE and numeric:
+        if word[:1].isalpha() and word not in NO_VALUE and numeric:
             raise InputError(
                 "The last row of the file is not like the others.",
                 expected=f"rows that begin with a number, as line {self._layout.first_line} does",
@@ -320,7 +316,7 @@ class CsvFile(ColumnFile):
         for line, cells in numbered_rows(self._text, self._layout):
             for position in positions:
                 cell = cells[position]
-                if cell not in _NO_VALUE and not is_number(cell, sign):
+                if cell not in NO_VALUE and not is_number(cell, sign):
                     where = f"{self.file}, line {line}, {self._column(position)}"
                     refuse_thousands(cell, where)
                     return InputError(
