@@ -65,7 +65,7 @@ class Numbers:
 
     shape: tuple[int, ...]
     is_complex: bool
-    contents: Callable[[], _Elements]
+    contents: Callable[[], _VariableElements]
 
     def array(self) -> Any:
         """Return the array as it is stored.
@@ -93,7 +93,7 @@ class _ArrayHeader:
 
 
 @dataclass
-class _Elements:
+class _VariableElements:
     """Elements of a variable, or of its beginning, which are taken one after the other.
 
     ValueError and KeyError where an element is not of the kind that is taken, or is cut short.
@@ -165,7 +165,7 @@ class _Elements:
         for _ in range(count):
             _, content = self.take()
             if content:
-                yield _Elements(content, self.byte_order).array(depth + 1)
+                yield _VariableElements(content, self.byte_order).array(depth + 1)
             else:
                 yield UnsupportedVariable("empty array")
 
@@ -189,7 +189,7 @@ def read_variables(path: Path) -> dict[str, Any]:
             data = stream.read(min(size, _MAX_HEADER_BYTES))
             if kind == _COMPRESSED:
                 data = zlib.decompressobj().decompress(data, _MAX_HEADER_BYTES)[8:]
-            header = _Elements(data, byte_order).header()
+            header = _VariableElements(data, byte_order).header()
             variable = partial(_read_variable, path, byte_order, begin, size)
             if header.array_class in _NUMERIC and math.prod(header.shape) != 1:
                 contents = partial(_contents, variable)
@@ -201,14 +201,14 @@ def read_variables(path: Path) -> dict[str, Any]:
     return by_name
 
 
-def _contents(variable: Callable[[], _Elements]) -> _Elements:
+def _contents(variable: Callable[[], _VariableElements]) -> _VariableElements:
     """Return the elements of a variable behind its header."""
     elements = variable()
     elements.header()
     return elements
 
 
-def _read_variable(path: Path, byte_order: str, begin: int, size: int) -> _Elements:
+def _read_variable(path: Path, byte_order: str, begin: int, size: int) -> _VariableElements:
     """Return the elements of a variable of ``size`` bytes at an offset of the file."""
     limit = memory_for(path.stat().st_size)
     with path.open("rb") as stream:
@@ -216,7 +216,7 @@ def _read_variable(path: Path, byte_order: str, begin: int, size: int) -> _Eleme
         kind = int(np.frombuffer(stream.read(8), f"{byte_order}u4", 1)[0])
         data = stream.read(size)
     if kind != _COMPRESSED:
-        return _Elements(data, byte_order)
+        return _VariableElements(data, byte_order)
     unpacker = zlib.decompressobj()
     unpacked = bytearray()
     while data and not unpacker.eof:
@@ -224,4 +224,4 @@ def _read_variable(path: Path, byte_order: str, begin: int, size: int) -> _Eleme
         data = unpacker.unconsumed_tail
         if len(unpacked) > limit:
             require_room(path, len(unpacked))
-    return _Elements(bytes(unpacked[8:]), byte_order)
+    return _VariableElements(bytes(unpacked[8:]), byte_order)

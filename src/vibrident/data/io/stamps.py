@@ -130,9 +130,10 @@ def _is_month_first(dates: dict[str | None, int], locate: Locate) -> bool:
 def _iso_date(date: str, month_first: bool) -> str:
     """Return a date as ISO 8601 has it; ValueError for one that overflows nanoseconds."""
     fields = re.split("[-/. ]", date.lower())
-    year, month, day = fields if len(fields[0]) == 4 else fields[::-1]
-    if month_first and "/" in date and len(fields[0]) < 4:
-        month, day = day, month
+    if len(fields[0]) < 4:
+        first, second, year = fields
+        fields = [year, first, second] if month_first and "/" in date else fields[::-1]
+    year, month, day = fields
     number = _MONTHS.index(month) + 1 if month in _MONTHS else int(month)
     if not _FIRST_YEAR <= int(year) <= _LAST_YEAR:
         raise ValueError(date)

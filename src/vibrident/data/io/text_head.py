@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.columns import Clock, StartTime
+from vibrident.data.io.columns import Channel, Clock, StartTime
 from vibrident.data.io.plain_text import BLANKS
 from vibrident.data.io.sampling import agreed_clock, plainest_clock
 from vibrident.data.io.stamps import has_fraction, is_stamp, parse_stamps
@@ -24,6 +24,7 @@ _KEYS: dict[str, list[str]] = VOCABULARY["head"]
 _OF_ANYTHING = frozenset(
     {"rate", "sampling", "abtastung", "delta", "increment", "interval", "intervall"}
 )
+_CLOCKS = ("rate", "interval")
 _SEPARATORS = ":=,;\t"
 _STATEMENT = re.compile(
     r"(?:^|[,;|\t({]|//|\s{2})[\s#%*!]*(?:"
@@ -74,15 +75,6 @@ class HeadStatement:
     line: HeadLine
 
 
-@dataclass(frozen=True)
-class HeadFacts:
-    """Statements of a head for each column."""
-
-    units: tuple[str, ...]
-    clocks: tuple[Clock | None, ...]
-    over_frequency: tuple[bool, ...]
-
-
 def statements(line: HeadLine, delimiter: str) -> Iterator[HeadStatement]:
     """Yield the statements of a line."""
     text = line.text.replace('"', "").rstrip("\r\n")
@@ -131,8 +123,8 @@ def read_head(
     numeric: Sequence[int],
     x_column: int | None,
     file: str,
-) -> HeadFacts:
-    """Return what the head states of each column.
+) -> tuple[Channel, ...]:
+    """Return what the head states of each column: clock, unit, and values over frequency.
 
     Args:
         lines: above the data, and beside it.
@@ -153,38 +145,35 @@ def read_head(
     ]
     time_unit = next((s.values[0] for s, _ in stated if s.kind == "time_unit"), "")
     abscissa = parse_unit(time_unit)
-    over_frequency = [abscissa is not None and abscissa.dimension == (("s", -1),)] * width
-    units = [""] * width
-    starts: list[StartTime | None] = [None] * width
-    clocks: list[list[tuple[Clock, HeadLine]]] = [[] for _ in range(width)]
+    is_over_hertz = abscissa is not None and abscissa.dimension == (("s", -1),)
     for statement, values in stated:
-        if statement.kind in ("rate", "interval"):
-            rates = {*values.values()} - {""}
-            if not values or (statement.kind == "rate" and len(rates) > 1):
-                raise _unusable(statement, "one rate, or an interval for each column", file)
-        for column, value in values.items():
+        rates = {*values.values()} - {""}
+        if statement.kind in _CLOCKS and (
+            not values or (statement.kind == "rate" and len(rates) > 1)
+        ):
+            raise _unusable(statement, "one rate, or an interval for each column", file)
+    labview = _labview_rows(lines, delimiter)
+    channels = []
+    for column in range(width):
+        pairs = [(s, values[column]) for s, values in stated if values.get(column)]
+        over_frequency = is_over_hertz
+        for statement, value in pairs:
             if statement.kind == "dimension":
-                over_frequency[column] = value.lower().startswith("freq")
-            elif statement.kind == "units" and not is_no_unit(value):
-                units[column] = units[column] or without_brackets(value)
-            elif statement.kind == "start":
-                starts[column] = _start(statement, value, decimal) or starts[column]
-    for statement, values in stated:
-        for column, value in values.items():
-            if value and statement.kind in ("rate", "interval") and not over_frequency[column]:
-                clock = _clock(statement, value, decimal, time_unit, file)
-                clocks[column].append((clock, statement.line))
-    if any(line.text.strip().startswith(LABVIEW_END) for line in lines):
-        starts = _labview_starts(lines, starts, delimiter)
-    agreed = (_agreed(stated_clocks, file) for stated_clocks in clocks)
-    return HeadFacts(
-        tuple(units),
-        tuple(
-            clock and replace(clock, start=start)
-            for clock, start in zip(agreed, starts, strict=True)
-        ),
-        tuple(over_frequency),
-    )
+                over_frequency = value.lower().startswith("freq")
+        units = [v for s, v in pairs if s.kind == "units" and not is_no_unit(v)]
+        starts = [_start(s, v, decimal) for s, v in pairs if s.kind == "start"]
+        start = next(filter(None, reversed(starts)), None)
+        start = _labview_start(labview, column, start) if labview else start
+        clocks = [
+            (_clock(s, v, decimal, time_unit, file), s.line)
+            for s, v in pairs
+            if s.kind in _CLOCKS and not over_frequency
+        ]
+        clock = _agreed(clocks, file)
+        clock = clock and replace(clock, start=start)
+        unit = without_brackets(units[0]) if units else ""
+        channels.append(Channel("", clock=clock, unit=unit, over_frequency=over_frequency))
+    return tuple(channels)
 
 
 def _by_column(
@@ -199,7 +188,7 @@ def _by_column(
         return dict.fromkeys(range(width), stamp)
     if statement.kind in ("rate", "interval", "start") and not statement.is_row:
         values = values[:1]
-    is_clock = statement.kind in ("rate", "interval")
+    is_clock = statement.kind in _CLOCKS
     if is_clock and len(values) == 2 and values[1] and not _NUMBER.match(values[1]):
         values = (" ".join(values),)  # the unit in a cell of its own
     if len(values) == 1 and statement.kind == "units":
@@ -298,32 +287,30 @@ def _start(statement: HeadStatement, value: str, decimal: str) -> StartTime | No
     return StartTime.on_own_clock(number * unit.factor)
 
 
-def _labview_starts(
-    lines: Sequence[HeadLine], starts: Sequence[StartTime | None], delimiter: str
-) -> list[StartTime | None]:
-    """Return starts from the date and time that X0 of a LabVIEW measurement counts from.
-
-    With an absolute Time_Pref, X0 counts from 1904.
-    """
+def _labview_rows(lines: Sequence[HeadLine], delimiter: str) -> dict[str, list[str]]:
+    """Return key → values of the last head of a LabVIEW measurement; nothing for another file."""
+    if not any(line.text.strip().startswith(LABVIEW_END) for line in lines):
+        return {}
     gap = None if delimiter == BLANKS else delimiter
     cells = [[cell.strip() for cell in line.text.rstrip().split(gap)] for line in lines]
-    rows = {key.lower(): values for key, *values in cells if values}  # of the last head
+    return {key.lower(): values for key, *values in cells if values}
 
-    def cell(key: str, column: int) -> str:
+
+def _labview_start(
+    rows: dict[str, list[str]], column: int, start: StartTime | None
+) -> StartTime | None:
+    """Return a start by the date and time that X0 counts from, or 1904 (an absolute Time_Pref)."""
+
+    def cell(key: str) -> str:
         values = rows.get(key, [""])
         return values[0] if len(values) == 1 else "".join(values[max(column - 1, 0) :][:1])
 
-    absolute: list[StartTime | None] = []
-    for column, start in enumerate(starts):
-        x0_ns = 0 if start is None else start.ns
-        stamp = f"{cell('date', column)} {cell('time', column)}"
-        begin = _epoch(stamp) if is_stamp(stamp) else None
-        if x0_ns and cell("time_pref", column).lower() == "absolute":
-            start = StartTime(x0_ns + _LABVIEW_EPOCH_S * 10**9, epoch=True)
-        elif begin is not None:
-            start = StartTime(begin.ns + x0_ns, epoch=True)
-        absolute.append(start)
-    return absolute
+    x0_ns = 0 if start is None else start.ns
+    stamp = f"{cell('date')} {cell('time')}"
+    begin = _epoch(stamp) if is_stamp(stamp) else None
+    if x0_ns and cell("time_pref").lower() == "absolute":
+        return StartTime(x0_ns + _LABVIEW_EPOCH_S * 10**9, epoch=True)
+    return start if begin is None else StartTime(begin.ns + x0_ns, epoch=True)
 
 
 def _epoch(stamp: str) -> StartTime | None:

@@ -162,10 +162,10 @@ class _LineDecoder:
     def _factors_of(self, header: _Header) -> list[float]:
         """Return the factors of the units in the names; InputError where these contradict."""
         to = self._calibration
-        first, second, *others = self._positions
+        first, second, *time_positions = self._positions
         reference = SourceColumn(header, first, "[reference]")
         response = SourceColumn(header, second, "[response]")
-        times = [SourceColumn(header, position, "time_column") for position in others]
+        times = [SourceColumn(header, position, "time_column") for position in time_positions]
         unit = reference_unit(to.reference, reference.file_unit[0])
         return [
             reference_conversion(reference, to.reference, unit).factor,

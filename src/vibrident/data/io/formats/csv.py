@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -12,7 +13,6 @@ import numpy as np
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import (
     MAX_LINE_LENGTH,
-    Channel,
     ColumnFile,
     IntArray,
     Positions,
@@ -23,11 +23,9 @@ from vibrident.data.io.csv_layout import (
     NO_VALUE,
     TEXT_OF_COLUMNS,
     CsvLayout,
-    is_number,
     line_too_long,
     open_text,
     refuse_thousands,
-    split_line,
 )
 from vibrident.data.io.plain_text import BLANKS, TAIL_BYTES, PlainText, respelled
 from vibrident.data.io.reader import Reader
@@ -72,10 +70,7 @@ def numbered_rows(text: PlainText, layout: CsvLayout) -> Iterator[tuple[int, lis
         stream.seek(layout.offset)
         for number, line in enumerate(stream, start=layout.first_line):
             if line.strip():
-                yield (
-                    number,
-                    split_line(line.decode(layout.encoding, errors="replace"), layout.delimiter),
-                )
+                yield number, layout.split(line.decode(layout.encoding, errors="replace"))
 
 
 def _chunks_of_lines(stream: BinaryIO) -> Iterator[bytes | None]:
@@ -98,7 +93,7 @@ def _field_counts(chunk: bytes, layout: CsvLayout) -> IntArray:
     lines = chunk.removesuffix(b"\n").split(b"\n")
     if b'"' in chunk:
         texts = [line.decode(layout.encoding, errors="replace") for line in lines]
-        counts = [len(split_line(text, layout.delimiter)) if text.strip() else 0 for text in texts]
+        counts = [len(layout.split(text)) if text.strip() else 0 for text in texts]
     elif layout.delimiter == BLANKS:
         counts = [len(line.split()) for line in lines]
     else:
@@ -120,15 +115,10 @@ class CsvFile(ColumnFile):
     def __init__(self, path: Path) -> None:
         self._text, self._layout = open_text(path)
         self._parsed: dict[int, Stamps] = {}
-        facts = self._layout.facts
+        layout = self._layout
         channels = [
-            Channel(
-                name,
-                clock=facts.clocks[column],
-                unit=without_brackets(self._layout.units[column]) or facts.units[column],
-                over_frequency=facts.over_frequency[column],
-            )
-            for column, name in enumerate(self._layout.names)
+            replace(channel, name=name, unit=without_brackets(unit) or channel.unit)
+            for channel, name, unit in zip(layout.facts, layout.names, layout.units, strict=True)
         ]
         super().__init__(path, channels, {})
 
@@ -298,9 +288,8 @@ class CsvFile(ColumnFile):
             tail = stream.read().decode(self._layout.encoding, errors="replace")
         last = tail.rstrip().rpartition("\n")[2]
         first = self._first_row[0] if self._first_row else ""
-        gap = self._layout.delimiter
-        word = (split_line(respelled(last, gap), gap) or [""])[0]
-        numeric = is_number(first, self._layout.decimal) or is_stamp(first)
+        word = (self._layout.split(respelled(last, self._layout.delimiter)) or [""])[0]
+        numeric = self._layout.is_number(first) or is_stamp(first)
         if word[:1].isalpha() and word not in NO_VALUE and numeric:
             raise InputError(
                 "The last row of the file is not like the others.",
@@ -316,7 +305,7 @@ class CsvFile(ColumnFile):
         for line, cells in numbered_rows(self._text, self._layout):
             for position in positions:
                 cell = cells[position]
-                if cell not in NO_VALUE and not is_number(cell, sign):
+                if cell not in NO_VALUE and not self._layout.is_number(cell):
                     where = f"{self.file}, line {line}, {self._column(position)}"
                     refuse_thousands(cell, where)
                     return InputError(

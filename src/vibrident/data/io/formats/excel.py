@@ -120,9 +120,9 @@ class ExcelFile(ColumnFile):
                 kinds = sorted(column.kinds - {"number"}) or ["no numbers"]
                 refused[name or f"column {n + 1}"] = f"a column with {kinds[-1]}"
                 continue
-            unit = without_brackets(units[n]) or facts.units[n]
+            unit = without_brackets(units[n]) or facts[n].unit
             is_time = "time" in column.kinds
-            clock = None if is_time else facts.clocks[n]
+            clock = None if is_time else facts[n].clock
             start = None
             if column.first is not None:
                 start = StartTime.on_date(np.datetime64(column.first))
