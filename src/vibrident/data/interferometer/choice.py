@@ -51,10 +51,8 @@ def choose(surveys: Sequence[Survey], names: Sequence[str]) -> list[EllipseChoic
         elif record_survey.covers_fringe and common is not None:
             origin = f"common to {len(steady)} records"
             choice = EllipseChoice(common.with_size_of(ellipse), (), origin, -1)
-        elif steady:
-            choice = _borrowed_choice(record_survey, index, surveys, steady, common, scatter)
         else:
-            choice = _unsteady_borrowed_choice(record_survey, index, surveys)
+            choice = _borrowed_choice(record_survey, index, surveys, steady, common, scatter)
         doubts = [
             replace(doubt, message=f"{name}: {doubt.message}")
             for doubt in (*choice.findings, *_clipping_findings(record_survey))
@@ -144,18 +142,30 @@ def _borrowed_choice(
     common: _CommonShape | None,
     scatter: FloatArray,
 ) -> EllipseChoice:
-    """Return the ellipse of a larger motion."""
-    source = min(steady, key=lambda i: (abs(i - index), i))
+    """Return the ellipse of a larger motion: of one whose ellipse changes, the mean.
+
+    What it changes by, or larger motions differ by, is in the covariance.
+    """
+    lenders = steady or [i for i, each in enumerate(surveys) if each.covers_fringe]
+    if not lenders:
+        return _arc_choice(record_survey, index)
+    source = min(lenders, key=lambda i: (abs(i - index), i))
     ellipse = surveys[source].ellipse
+    spread = None
     group = source
     origin = "of a larger motion"
-    if common is not None:
+    findings: tuple[OpticalFinding, ...] = ()
+    if surveys[source].knots:
+        shapes = [ellipse.shape_of(piece) for _, piece in surveys[source].knots]
+        spread = np.var(shapes, axis=0)
+        group = index
+        origin = "of a larger motion, its mean"
+    elif common is not None:
         ellipse = common.with_size_of(ellipse)
         group = -1
         origin = "of larger motions"
-    findings = []
-    if common is None and len(steady) > 1:
-        ellipse = ellipse.with_shape_covariance(ellipse.shape_covariance + np.diag(scatter**2))
+    elif len(steady) > 1:
+        spread = scatter**2
         group = index
         if float(np.max(scatter)) > MAX_STABLE_CHANGE:
             text = (
@@ -163,27 +173,10 @@ def _borrowed_choice(
                 f"{100 * float(np.max(scatter)):.2g} % of the amplitude; that is in the "
                 "uncertainty."
             )
-            findings.append(OpticalFinding("ellipse_unstable", text))
-    choice = EllipseChoice(ellipse, (), origin, group, 0.0, tuple(findings))
-    return _check_choice(record_survey, index, choice)
-
-
-def _unsteady_borrowed_choice(
-    record_survey: Survey, index: int, surveys: Sequence[Survey]
-) -> EllipseChoice:
-    """Return the mean ellipse of a larger motion whose ellipse changes.
-
-    Its changes are in the covariance.
-    """
-    candidates = [i for i, each in enumerate(surveys) if each.covers_fringe]
-    if not candidates:
-        return _arc_choice(record_survey, index)
-    source = surveys[min(candidates, key=lambda i: (abs(i - index), i))]
-    shapes = np.array([source.ellipse.shape_of(piece) for _, piece in source.knots])
-    ellipse = source.ellipse.with_shape_covariance(
-        source.ellipse.shape_covariance + np.diag(np.var(shapes, axis=0))
-    )
-    choice = EllipseChoice(ellipse, (), "of a larger motion, its mean", index)
+            findings = (OpticalFinding("ellipse_unstable", text),)
+    if spread is not None:
+        ellipse = ellipse.with_shape_covariance(ellipse.shape_covariance + np.diag(spread))
+    choice = EllipseChoice(ellipse, (), origin, group, 0.0, findings)
     return _check_choice(record_survey, index, choice)
 
 

@@ -75,7 +75,11 @@ def lost_radius(ellipse: Ellipse) -> float:
 
 def usable_samples(ellipse: Ellipse, u: FloatArray) -> BoolArray:
     """Return which samples, shape (2, n), are neither lost nor far outside the ellipse."""
-    v = ellipse.to_unit_circle(u)
+    return is_near_circle(ellipse, ellipse.to_unit_circle(u))
+
+
+def is_near_circle(ellipse: Ellipse, v: FloatArray) -> BoolArray:
+    """Return the same of samples in the coordinates in which the ellipse is the unit circle."""
     radius = v[0] * v[0] + v[1] * v[1]
     return (radius > lost_radius(ellipse) ** 2) & (radius < MAX_RADIUS**2)
 
