@@ -207,9 +207,15 @@ class ColumnFile:
 
     def start(self, position: int) -> StartTime | None:
         """Return the time of a column's first sample: by its clock, or by its first date."""
+        if self.in_seconds(position):
+            return self._first_date(position)
         clock = self.clock(position)
         by_clock = None if clock is None else clock.start
         return by_clock or self._channels[position].start
+
+    def _first_date(self, position: int) -> StartTime | None:
+        """Return the first date of a column of a time type; None if it has none."""
+        return self._channels[position].start
 
     def stated_unit(self, position: int) -> str:
         """Return the unit of a column that the file states beside its name; "" if none."""

@@ -143,10 +143,7 @@ class CsvFile(ColumnFile):
         """Return whether the column holds times of day, with or without dates."""
         return position < len(self._first_row) and is_stamp(self._first_row[position])
 
-    def start(self, position: int) -> StartTime | None:
-        """Return the time of a column's first row: its own stamp, or the head's statement."""
-        if not self.in_seconds(position):
-            return super().start(position)
+    def _first_date(self, position: int) -> StartTime:
         stamps = self._stamps(position)
         return StartTime(int(stamps.ns[0]), epoch=stamps.dated)
 

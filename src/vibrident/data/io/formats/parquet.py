@@ -67,10 +67,7 @@ class ParquetFile(ColumnFile):
             channels.append(Channel(name, name, clock, is_time, unit, start=start_of(levels)))
         super().__init__(path, channels, refused)
 
-    def start(self, position: int) -> StartTime | None:
-        """Return the time of a column's first sample, or of a column of dates its first date."""
-        if not self.in_seconds(position):
-            return super().start(position)
+    def _first_date(self, position: int) -> StartTime | None:
         name = self._channels[position].handle
         with reading(self._path, self.expected), self._parquet.ParquetFile(self._path) as file:
             first = next(file.iter_batches(1, columns=[name])).column(0).to_numpy(False)[:1]

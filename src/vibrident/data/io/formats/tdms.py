@@ -71,10 +71,7 @@ class TdmsFile(ColumnFile):
                         channels.append(_channel(name, channel, outer, str(path)))
         super().__init__(path, channels, refused)
 
-    def start(self, position: int) -> StartTime | None:
-        """Return the time of a channel's first sample, or of a time channel its first time."""
-        if not self.in_seconds(position):
-            return super().start(position)
+    def _first_date(self, position: int) -> StartTime:
         group, name = self._channels[position].handle
         with self._opened() as file:
             first = _plain(file[group][name][:1])[0]
