@@ -62,7 +62,7 @@ _GROUPED = re.compile(
 
 @dataclass(frozen=True)
 class Dialect:
-    """How the cells of a text are written.
+    """Delimiter and decimal sign of the cells of a text, and their number in a line.
 
     Attributes:
         delimiter: one character; ``BLANKS`` stands for runs of blanks and tabs.
