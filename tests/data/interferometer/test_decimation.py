@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from vibrident.data.interferometer import decimation
+from vibrident.data.interferometer.setting import Gap
 
 
 def decimated(values, factor, block):
@@ -44,6 +45,6 @@ def test_outputs_whose_filter_touches_a_gap_are_spoilt():
     clean = decimated(values, factor, 1000)
     values[gap[0] : gap[1]] = 1.0
     touched = np.abs(decimated(values, factor, 1000) - clean) > 0.0
-    spoilt = decimation.spoilt_outputs([gap], samples, factor)[: len(touched)]
+    spoilt = decimation.spoilt_outputs([Gap(*gap, jump=False)], samples, factor)[: len(touched)]
     assert np.all(spoilt[touched])
     assert spoilt.sum() <= 2 * decimation.HALF + 4

@@ -15,8 +15,8 @@ ROWS = [(0.0, 1.5, -2.25), (0.5, 2.5, 3.0e-3), (1.0, -1.0, 12.75), (1.5, 0.25, 1
 
 @pytest.fixture(params=["light", "pandas"])
 def _way(request, monkeypatch):
-    """Small files are read without pandas where that is not loaded."""
-    monkeypatch.setattr("vibrident.data.io.formats.csv._better_by_pandas", lambda _: request.param == "pandas")
+    """Small files are read without pandas."""
+    monkeypatch.setattr("vibrident.data.io.formats.csv.MAX_LIGHT_BYTES", 0 if request.param == "pandas" else 1 << 30)
 
 
 def opened(tmp_path, content: str | bytes, name: str = "x.csv") -> CsvFile:
@@ -243,6 +243,7 @@ def test_what_the_system_refuses(tmp_path, refused, monkeypatch):
 
 
 def test_only_needed_columns_are_parsed(tmp_path, monkeypatch):
+    monkeypatch.setattr("vibrident.data.io.formats.csv.MAX_LIGHT_BYTES", 0)
     asked = []
     original = pandas.read_csv
     monkeypatch.setattr(pandas, "read_csv", lambda *a, **k: asked.append(k["usecols"]) or original(*a, **k))
@@ -276,14 +277,14 @@ def test_every_float_survives_every_dialect(tmp_path_factory, rows, dialect, hea
 
     for by_pandas in (True, False):
         with pytest.MonkeyPatch.context() as way:
-            way.setattr("vibrident.data.io.formats.csv._better_by_pandas", lambda _, chosen=by_pandas: chosen)
+            way.setattr("vibrident.data.io.formats.csv.MAX_LIGHT_BYTES", 0 if by_pandas else 1 << 30)
             source = CsvFile(path)
             assert source.names == (("time", "reference", "response") if header else ("", "", ""))
             np.testing.assert_array_equal(np.column_stack(source.load([0, 1, 2])), np.array(rows))
 
 
 def test_plain_files_are_read_without_pandas(tmp_path, monkeypatch):
-    monkeypatch.setattr("vibrident.data.io.formats.csv._better_by_pandas", lambda _: False)
+    monkeypatch.setattr("vibrident.data.io.formats.csv.MAX_LIGHT_BYTES", 1 << 30)
     monkeypatch.setattr(pandas, "read_csv", None)
     for layout in ("comma", "semicolon", "tab", "blanks", "comma and blank", "carriage returns", "tab, decimal comma"):
         values = opened(tmp_path, LAYOUTS[layout]).load([2, 0])
@@ -291,7 +292,7 @@ def test_plain_files_are_read_without_pandas(tmp_path, monkeypatch):
 
 
 def test_what_stands_in_another_cell_is_not_taken_for_a_number_of_this_one(tmp_path, monkeypatch, refused):
-    monkeypatch.setattr("vibrident.data.io.formats.csv._better_by_pandas", lambda _: False)
+    monkeypatch.setattr("vibrident.data.io.formats.csv.MAX_LIGHT_BYTES", 1 << 30)
     (first,) = opened(tmp_path, "1,2\n,3\n4,5\n").load([0])
     np.testing.assert_array_equal(first, [1.0, np.nan, 4.0])
     source = opened(tmp_path, "1,2\n3 4,\n5,6\n7,8\n")

@@ -9,6 +9,7 @@ from tests.support import file_formats as formats
 
 from vibrident.base.errors import InputError
 from vibrident.data.io import read
+from vibrident.data.io.clocks import file_clock
 from vibrident.data.io.reader import open_columns
 from vibrident.data.io.sampling import plainest_clock
 
@@ -51,7 +52,7 @@ def calibration(folder, file, *, reference: object = 1, response: object = 2, mo
 def test_round_trip_at_102400_hz(tmp_path, name):
     source = open_columns(written(tmp_path, name))
 
-    assert source.clock(0).rate_hz == pytest.approx(102400.0, rel=1e-9, abs=0)
+    assert file_clock(source, 0).rate_hz == pytest.approx(102400.0, rel=1e-9, abs=0)
     for position, expected in zip(range(len(source.names)), SIGNALS.values(), strict=False):
         (values,) = source.load([position])
         assert values.dtype == np.float64
@@ -63,7 +64,7 @@ def test_round_trip_at_102400_hz(tmp_path, name):
 @everywhere
 def test_the_rate_is_that_of_the_writer(tmp_path, name, rate_hz):
     source = open_columns(written(tmp_path, name, rate_hz=rate_hz))
-    assert source.clock(0).rate_hz == pytest.approx(rate_hz, rel=1e-9, abs=0)
+    assert file_clock(source, 0).rate_hz == pytest.approx(rate_hz, rel=1e-9, abs=0)
 
 
 @everywhere
@@ -133,7 +134,7 @@ def test_damage_is_one_message(tmp_path, name):
         try:
             source = open_columns(path)
             for position in range(len(source.names)):
-                source.clock(position)
+                file_clock(source, position)
             for values in source.load(range(len(source.names))):
                 assert (values.ndim, values.dtype) == (1, np.float64)
         except InputError as error:
@@ -191,7 +192,7 @@ def test_tdms_refuses_what_is_no_signal_and_an_unfinished_file(tmp_path, refused
         )
     source = open_columns(path)
     assert source.names == ("g/v",)
-    assert source.clock(0) is None
+    assert file_clock(source, 0) is None
     refused(lambda: source.position_of("g/words", "[response] column"), found="text", where="[response] column")
     refused(lambda: source.position_of("g/z", "key"), found="complex")
     path.write_bytes(path.read_bytes()[:-1000])
@@ -223,7 +224,7 @@ def test_uff_in_text_and_binary(tmp_path, binary, precision, even):
     source = open_columns(path)
     for values, expected in zip(source.load([0, 1]), signals.values(), strict=True):
         np.testing.assert_allclose(values, expected, rtol=1e-5 if precision == 2 else 1e-11, atol=1e-12)
-    clock = source.clock(0)
+    clock = file_clock(source, 0)
     assert abs(clock.rate_hz / formats.RATE_HZ - 1) <= clock.rate_rounding < 1e-4
 
 
@@ -298,8 +299,8 @@ def test_mdf_time_stamps_text_and_invalid_samples(tmp_path, refused):
     (values,) = source.load([0])
     assert np.flatnonzero(np.isnan(values)).tolist() == [10]
     refused(lambda: source.position_of("text", "key"), found="text")
-    assert source.clock(2).rate_hz == pytest.approx(102400.0, rel=1e-4)  # with a hole of 1,024
-    rounded = source.clock(1)
+    assert file_clock(source, 2).rate_hz == pytest.approx(102400.0, rel=1e-4)  # with a hole of 1,024
+    rounded = file_clock(source, 1)
     assert abs(rounded.rate_hz / 102400.0 - 1) <= rounded.rate_rounding < 1e-3
     assert rounded.rate_rounding > 1e-9
 
@@ -320,7 +321,7 @@ def test_parquet_time_stamps_types_and_metadata(tmp_path, refused):
     parquet.write_table(pyarrow.table(columns), path)
     source = open_columns(path)
     assert source.names == ("stamp", "counts", "v")
-    assert source.clock(0) is None
+    assert file_clock(source, 0) is None
     counts, v = source.load([1, 2])
     np.testing.assert_array_equal(counts, np.arange(5000.0))
     assert np.isnan(v[1])

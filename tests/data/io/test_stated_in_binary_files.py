@@ -12,6 +12,7 @@ from tests.support import file_formats as formats
 
 from vibrident.base import memory
 from vibrident.base.errors import InputError
+from vibrident.data.io.clocks import file_clock
 from vibrident.data.io.columns import StartTime
 from vibrident.data.io.reader import open_columns
 from vibrident.data.io.stated import meaning_of, seconds_since
@@ -283,8 +284,9 @@ def with_axis(path, axis, unit, values=SIGNAL):
 def test_an_attached_axis_of_times_is_the_clock(tmp_path, unit, step, start):
     source = with_axis(tmp_path / "x.nc", 5 * step + step * np.arange(20), unit)
     position = source.position_of("a", "key")
-    assert source.clock(position).rate_hz == pytest.approx(1000.0, rel=1e-12)
-    assert source.start(position) == source.clock(position).start == start
+    clock = file_clock(source, position)
+    assert clock.rate_hz == pytest.approx(1000.0, rel=1e-12)
+    assert clock.start == start
     assert source.stamps(position)[3] - source.stamps(position)[0] == pytest.approx(3e-3, rel=1e-12)
 
 
@@ -293,7 +295,7 @@ def test_an_axis_that_contradicts_the_rate_is_refused(tmp_path, refused):
     with h5py.File(tmp_path / "x.nc", "a") as file:
         file["a"].attrs["fs"] = 1010.0
     source = open_columns(tmp_path / "x.nc")
-    refused(lambda: source.clock(source.position_of("a", "key")), expected="1000", found="1010.0")
+    refused(lambda: file_clock(source, source.position_of("a", "key")), expected="1000", found="1010.0")
 
 
 def test_an_attached_axis_of_frequencies(tmp_path):
@@ -502,7 +504,7 @@ def test_uff_times_in_milliseconds(tmp_path, refused):
     assert open_columns(path).clock(0).rate_hz == pytest.approx(2000.0, rel=1e-9)
     formats.uff(path, {"a": SIGNAL}, rate_hz=2.0, abscissa_axis_units_lab="ms", even=False)
     source = open_columns(path)
-    assert source.clock(0).rate_hz == pytest.approx(2000.0, rel=1e-9)
+    assert file_clock(source, 0).rate_hz == pytest.approx(2000.0, rel=1e-9)
     np.testing.assert_allclose(source.stamps(0), np.arange(20) * 5e-4, atol=1e-15)
     formats.uff(path, {"a": SIGNAL}, abscissa_axis_units_lab="mm")
     refused(lambda: open_columns(path), found="'mm'")
@@ -566,7 +568,7 @@ def test_mdf_units_and_starts(tmp_path, version):
         file.save(path, overwrite=True)
     source = open_columns(path)
     assert [source.stated_unit(p) for p in (0, 1)] == ["g", ""]
-    assert source.clock(0).rate_hz == pytest.approx(1000.0, rel=1e-9)
+    assert file_clock(source, 0).rate_hz == pytest.approx(1000.0, rel=1e-9)
     assert source.start(1).epoch
     assert source.start(1).ns - source.start(0).ns == 125_000_000
     if version >= "4":
@@ -728,7 +730,7 @@ def test_damage_is_read_or_refused(tmp_path, files_with_statements, name, draws)
         try:
             source = open_columns(tmp_path / name)
             for position in range(len(source.names)):
-                source.clock(position)
+                file_clock(source, position)
                 source.start(position)
             for values in source.load(range(len(source.names))):
                 assert (values.ndim, values.dtype) == (1, np.float64)

@@ -18,7 +18,7 @@ NS_2026 = 1_795_341_600_000_000_000  # 2026-11-22T10:00:00Z
 @pytest.fixture(params=["light", "pandas"])
 def _way(request, monkeypatch):
     """Small files are read without pandas where that is not loaded."""
-    monkeypatch.setattr("vibrident.data.io.formats.csv._better_by_pandas", lambda _: request.param == "pandas")
+    monkeypatch.setattr("vibrident.data.io.formats.csv.MAX_LIGHT_BYTES", 0 if request.param == "pandas" else 1 << 30)
 
 
 def opened(tmp_path, content: str | bytes, name="x.csv") -> CsvFile:
@@ -242,7 +242,7 @@ def test_a_table_reads_back_from_every_dialect(
 
     for by_pandas in (True, False):
         with pytest.MonkeyPatch.context() as way:
-            way.setattr("vibrident.data.io.formats.csv._better_by_pandas", lambda _, chosen=by_pandas: chosen)
+            way.setattr("vibrident.data.io.formats.csv.MAX_LIGHT_BYTES", 0 if by_pandas else 1 << 30)
             source = CsvFile(path)
             assert source.names == ("time", "reference", "response")
             assert tuple(source.stated_unit(p) for p in range(3)) == (

@@ -165,18 +165,14 @@ def aligned_channels(
         (time + delay_s - optical.first_s) * optical.rate_hz - demodulated.first
     ) / demodulated.factor
     spacing = optical.rate_hz / demodulated.factor / rate
-    count = min(values.shape[0], demodulated.displacement_m.shape[0])
+    displacement = demodulated.displacement_m
+    valid = demodulated.valid
+    covered = slice(0, min(values.shape[0], displacement.shape[0]))
     if abs(spacing - 1.0) < 1e-9 and abs(float(positions[0])) < 1e-6:
-        return _aligned(
-            demodulated.displacement_m[:count],
-            values[:count],
-            demodulated.valid[:count],
-            rate,
-            first,
-        )
-    covered, displacement, valid = _displacement_at(
-        demodulated.displacement_m, demodulated.valid, positions, spacing
-    )
+        displacement = displacement[covered]
+        valid = valid[covered]
+    else:
+        covered, displacement, valid = _displacement_at(displacement, valid, positions, spacing)
     return _aligned(displacement, values[covered], valid, rate, first + covered.start / rate)
 
 

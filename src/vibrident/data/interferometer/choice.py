@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc
 
-from vibrident.data.interferometer.ellipse import Ellipse
+from vibrident.data.interferometer.ellipse import Ellipse, weighted_mean
 from vibrident.data.interferometer.setting import FloatArray
 from vibrident.data.interferometer.summary import OpticalFinding
 from vibrident.data.interferometer.survey import Survey, usable_samples
@@ -43,36 +43,29 @@ def choose(surveys: Sequence[Survey], names: Sequence[str]) -> list[EllipseChoic
     common, scatter = _common_ellipse_shape([surveys[i].ellipse for i in steady])
     choices = []
     for index, (record_survey, name) in enumerate(zip(surveys, names, strict=True)):
+        ellipse = record_survey.ellipse
         if record_survey.knots and (record_survey.covers_fringe or drifts):
-            choices.append(_unsteady_choice(record_survey, name, index))
+            choice = _unsteady_choice(record_survey, index)
         elif record_survey.covers_fringe and common is None:
-            choices.append(EllipseChoice(record_survey.ellipse, (), "of this record", index))
+            choice = EllipseChoice(ellipse, (), "of this record", index)
         elif record_survey.covers_fringe and common is not None:
-            choices.append(
-                EllipseChoice(
-                    common.with_size_of(record_survey.ellipse),
-                    (),
-                    f"common to {len(steady)} records",
-                    -1,
-                )
-            )
-        elif steady:
-            choices.append(
-                _borrowed_choice(record_survey, name, index, surveys, steady, common, scatter)
-            )
+            origin = f"common to {len(steady)} records"
+            choice = EllipseChoice(common.with_size_of(ellipse), (), origin, -1)
         else:
-            choices.append(_unsteady_borrowed_choice(record_survey, name, index, surveys))
-    return [
-        replace(choice, findings=(*choice.findings, *_clipping_findings(record_survey, name)))
-        for choice, record_survey, name in zip(choices, surveys, names, strict=True)
-    ]
+            choice = _borrowed_choice(record_survey, index, surveys, steady, common, scatter)
+        doubts = [
+            replace(doubt, message=f"{name}: {doubt.message}")
+            for doubt in (*choice.findings, *_clipping_findings(record_survey))
+        ]
+        choices.append(replace(choice, findings=tuple(doubts)))
+    return choices
 
 
-def _clipping_findings(record_survey: Survey, name: str) -> list[OpticalFinding]:
+def _clipping_findings(record_survey: Survey) -> list[OpticalFinding]:
     return [
         OpticalFinding(
             "clipped",
-            f"{name}: photodetector signal {number} has its extreme value in {100 * share:.2g} % "
+            f"photodetector signal {number} has its extreme value in {100 * share:.2g} % "
             "of its samples: the detector or its converter is at a limit, and the phase is wrong "
             "there.",
         )
@@ -111,23 +104,21 @@ def _common_ellipse_shape(ellipses: Sequence[Ellipse]) -> tuple[_CommonShape | N
     """
     if len(ellipses) < 2:
         return None, np.zeros(4)
-    shapes = np.array([ellipses[0].shape_of(ellipse) for ellipse in ellipses])
-    weights = [np.linalg.inv(ellipse.shape_covariance) for ellipse in ellipses]
-    covariance = np.linalg.inv(np.sum(weights, axis=0))
-    mean = covariance @ np.sum([w @ s for w, s in zip(weights, shapes, strict=True)], axis=0)
-    total = sum(float((s - mean) @ w @ (s - mean)) for w, s in zip(weights, shapes, strict=True))
-    same = chdtrc(4 * (len(ellipses) - 1), total) > COMMON_CHANCE
-    return (_CommonShape(ellipses[0], mean, covariance) if same else None), np.std(
-        shapes, axis=0, ddof=1
+    shapes = [ellipses[0].shape_of(ellipse) for ellipse in ellipses]
+    mean, covariance, total = weighted_mean(
+        shapes, [ellipse.shape_covariance for ellipse in ellipses]
     )
+    same = chdtrc(4 * (len(ellipses) - 1), total) > COMMON_CHANCE
+    common = _CommonShape(ellipses[0], mean, covariance) if same else None
+    return common, np.std(shapes, axis=0, ddof=1)
 
 
-def _unsteady_choice(record_survey: Survey, name: str, index: int) -> EllipseChoice:
+def _unsteady_choice(record_survey: Survey, index: int) -> EllipseChoice:
     change = record_survey.change
     findings: tuple[OpticalFinding, ...] = ()
     if change > MAX_STABLE_CHANGE:
         text = (
-            f"{name}: the ellipse of the interferometer changes by {100 * change:.2g} % of its "
+            f"the ellipse of the interferometer changes by {100 * change:.2g} % of its "
             f"amplitude within the record. It is followed in {len(record_survey.knots)} pieces of "
             "time; what changes faster is a cyclic error."
         )
@@ -145,59 +136,51 @@ def _unsteady_choice(record_survey: Survey, name: str, index: int) -> EllipseCho
 
 def _borrowed_choice(
     record_survey: Survey,
-    name: str,
     index: int,
     surveys: Sequence[Survey],
     steady: Sequence[int],
     common: _CommonShape | None,
     scatter: FloatArray,
 ) -> EllipseChoice:
-    """Return the ellipse of a larger motion."""
-    source = min(steady, key=lambda i: (abs(i - index), i))
-    ellipse = (
-        surveys[source].ellipse if common is None else common.with_size_of(surveys[source].ellipse)
-    )
-    group, origin = (source, "of a larger motion") if common is None else (-1, "of larger motions")
-    findings = []
-    if common is None and len(steady) > 1:
-        ellipse = ellipse.with_shape_covariance(ellipse.shape_covariance + np.diag(scatter**2))
+    """Return the ellipse of a larger motion: of one whose ellipse changes, the mean.
+
+    What it changes by, or larger motions differ by, is in the covariance.
+    """
+    lenders = steady or [i for i, each in enumerate(surveys) if each.covers_fringe]
+    if not lenders:
+        return _arc_choice(record_survey, index)
+    source = min(lenders, key=lambda i: (abs(i - index), i))
+    ellipse = surveys[source].ellipse
+    spread = None
+    group = source
+    origin = "of a larger motion"
+    findings: tuple[OpticalFinding, ...] = ()
+    if surveys[source].knots:
+        shapes = [ellipse.shape_of(piece) for _, piece in surveys[source].knots]
+        spread = np.var(shapes, axis=0)
+        group = index
+        origin = "of a larger motion, its mean"
+    elif common is not None:
+        ellipse = common.with_size_of(ellipse)
+        group = -1
+        origin = "of larger motions"
+    elif len(steady) > 1:
+        spread = scatter**2
         group = index
         if float(np.max(scatter)) > MAX_STABLE_CHANGE:
             text = (
-                f"{name}: its ellipse is that of larger motions, whose ellipses differ by "
+                "its ellipse is that of larger motions, whose ellipses differ by "
                 f"{100 * float(np.max(scatter)):.2g} % of the amplitude; that is in the "
                 "uncertainty."
             )
-            findings.append(OpticalFinding("ellipse_unstable", text))
-    return _check_choice(
-        record_survey, name, index, EllipseChoice(ellipse, (), origin, group, 0.0, tuple(findings))
-    )
+            findings = (OpticalFinding("ellipse_unstable", text),)
+    if spread is not None:
+        ellipse = ellipse.with_shape_covariance(ellipse.shape_covariance + np.diag(spread))
+    choice = EllipseChoice(ellipse, (), origin, group, 0.0, findings)
+    return _check_choice(record_survey, index, choice)
 
 
-def _unsteady_borrowed_choice(
-    record_survey: Survey, name: str, index: int, surveys: Sequence[Survey]
-) -> EllipseChoice:
-    """Return the mean ellipse of a larger motion whose ellipse changes.
-
-    Its changes are in the covariance.
-    """
-    candidates = [i for i, each in enumerate(surveys) if each.covers_fringe]
-    if not candidates:
-        return _arc_choice(record_survey, name, index)
-    source = surveys[min(candidates, key=lambda i: (abs(i - index), i))]
-    shapes = np.array([source.ellipse.shape_of(piece) for _, piece in source.knots])
-    ellipse = source.ellipse.with_shape_covariance(
-        source.ellipse.shape_covariance + np.diag(np.var(shapes, axis=0))
-    )
-    return _check_choice(
-        record_survey,
-        name,
-        index,
-        EllipseChoice(ellipse, (), "of a larger motion, its mean", index),
-    )
-
-
-def _arc_choice(record_survey: Survey, name: str, index: int) -> EllipseChoice:
+def _arc_choice(record_survey: Survey, index: int) -> EllipseChoice:
     """Return the arc's own ellipse or a circle, with a finding."""
     kind = (
         "an ellipse through this arc"
@@ -205,7 +188,7 @@ def _arc_choice(record_survey: Survey, name: str, index: int) -> EllipseChoice:
         else "a circle, as the arc does not determine an ellipse"
     )
     text = (
-        f"{name}: the motion covers {100 * record_survey.covered_rad / (2 * np.pi):.2g} % of a "
+        f"the motion covers {100 * record_survey.covered_rad / (2 * np.pi):.2g} % of a "
         f"fringe, and no record of this calibration covers one. The phase is taken from {kind}; "
         "its uncertainty is in the budget. A record of larger motion in the same set-up gives the "
         "ellipse."
@@ -215,9 +198,7 @@ def _arc_choice(record_survey: Survey, name: str, index: int) -> EllipseChoice:
     )
 
 
-def _check_choice(
-    record_survey: Survey, name: str, index: int, choice: EllipseChoice
-) -> EllipseChoice:
+def _check_choice(record_survey: Survey, index: int, choice: EllipseChoice) -> EllipseChoice:
     """Return the choice, widened and with a finding if the samples lie off the borrowed ellipse."""
     ellipse = choice.ellipse
     points = record_survey.points[:, usable_samples(ellipse, record_survey.points)]
@@ -232,7 +213,7 @@ def _check_choice(
     ):
         return choice
     text = (
-        f"{name}: its samples lie {100 * off:+.2g} % beside the ellipse of the larger motion that "
+        f"its samples lie {100 * off:+.2g} % beside the ellipse of the larger motion that "
         "it is taken from: offsets or amplitudes have changed between the records."
     )
     wider = ellipse.with_shape_covariance(ellipse.shape_covariance + off**2 * np.eye(4))

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
 
-from vibrident.data.interferometer.setting import BoolArray, FloatArray, SampledSignals
+from vibrident.data.interferometer.setting import BoolArray, FloatArray, Gap, SampledSignals
 
 PASS_EDGE = 0.4  # edge of the pass band over the new rate
 STOP_EDGE = 0.6  # edge of the stop band over the new rate
@@ -142,17 +142,17 @@ def at_lower_rate(
     )
 
 
-def spoilt_outputs(gaps: list[tuple[int, int]], samples: int, factor: int) -> BoolArray:
-    """Return which new samples have a filter that touches a gap (start, stop) of the input.
+def spoilt_outputs(gaps: Sequence[Gap], samples: int, factor: int) -> BoolArray:
+    """Return which new samples have a filter that touches a gap of the input.
 
     Shape (decimated_length,).
     """
     count = decimated_length(samples, factor)
     bad = np.zeros(count, dtype=bool)
     reach = 2 * lost_at_an_end(factor)
-    for start, stop in gaps:
-        first = max(-(-(start - reach) // factor), 0)
-        bad[first : (stop - 1) // factor + 1] = True
+    for gap in gaps:
+        first = max(-(-(gap.start - reach) // factor), 0)
+        bad[first : (gap.stop - 1) // factor + 1] = True
     return bad
 
 

@@ -16,13 +16,13 @@ from vibrident.data.interferometer.effects import CyclicError, cyclic_error
 from vibrident.data.interferometer.phase import (
     MAX_FRACTION_TURNS,
     TURN,
-    Gap,
     PhasePath,
     turns_over_gap,
 )
 from vibrident.data.interferometer.setting import (
     BoolArray,
     FloatArray,
+    Gap,
     Interferometer,
     SampledSignals,
 )
@@ -90,14 +90,15 @@ def demodulate(
     Raises:
         InputError: the motion is too fast, or too much of the phase is lost.
     """
-    unwrapped = _decimated_phase(signals, choice, factor)
-    path = unwrapped.path
-    phase_rad = unwrapped.phase_rad
-    segment = unwrapped.segment
-    is_intact = unwrapped.is_intact
-    position = unwrapped.position
+    path = PhasePath()
+    knots = [(index, ellipse.for_phase) for index, ellipse in choice.knots]
+    blocks = phase.unwrapped(signals, choice.ellipse.for_phase, knots, path, choice.error)
+    phase_rad = decimated(blocks, signals.samples, factor)
     rate_hz = signals.rate_hz / factor
+    position = lost_at_an_end(factor) + factor * np.arange(phase_rad.shape[0])
+    is_intact = ~spoilt_outputs(path.gaps, signals.samples, factor)
     _require_slow(path, name)
+    phase_rad, segment = _restore_turns(signals, choice, path.gaps, phase_rad, position)
     if sine_hz is not None:
         phase_rad, segment = _join_segments(phase_rad, segment, is_intact, rate_hz, sine_hz)
     in_main = is_intact & (segment == _longest_segment(segment, is_intact))
@@ -156,40 +157,6 @@ def demodulate(
     )
     answer = _phase_error_response(phase_rad, in_main, rate_hz, sine, choice, signals, cyclic)
     return Demodulated(displacement_m, valid, int(position[0]), factor, summary, answer, carrier)
-
-
-@dataclass(frozen=True, eq=False)
-class _DecimatedPhase:
-    """Phase of two signals at the rate of the displacement.
-
-    Attributes:
-        phase_rad: shape (n,).
-        segment: number of the segment of each sample; gaps of unknown turns separate segments.
-        is_intact: shape (n,), False where lost light or jumps spoil a sample.
-        position: of each sample, in samples of the optical signals.
-        path: findings of the unwrapping.
-    """
-
-    phase_rad: FloatArray
-    segment: np.ndarray
-    is_intact: BoolArray
-    position: np.ndarray
-    path: PhasePath
-
-
-def _decimated_phase(
-    signals: SampledSignals, choice: EllipseChoice, factor: int
-) -> _DecimatedPhase:
-    """Unwrap and decimate the phase, and restore the turns lost in gaps."""
-    path = PhasePath()
-    knots = [(index, ellipse.for_phase) for index, ellipse in choice.knots]
-    blocks = phase.unwrapped(signals, choice.ellipse.for_phase, knots, path, choice.error)
-    phase_rad = decimated(blocks, signals.samples, factor)
-    position = lost_at_an_end(factor) + factor * np.arange(phase_rad.shape[0])
-    gaps = [(gap.start, gap.stop) for gap in path.gaps]
-    is_intact = ~spoilt_outputs(gaps, signals.samples, factor)
-    phase_rad, segment = _restore_turns(signals, choice, path.gaps, phase_rad, position)
-    return _DecimatedPhase(phase_rad, segment, is_intact, position, path)
 
 
 def _restore_turns(

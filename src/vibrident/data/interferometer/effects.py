@@ -25,7 +25,7 @@ from scipy.special import j1
 
 from vibrident.data.effects import EffectKind, SystematicEffect
 from vibrident.data.interferometer.decimation import PASS_EDGE
-from vibrident.data.interferometer.ellipse import Ellipse
+from vibrident.data.interferometer.ellipse import Ellipse, weighted_mean
 from vibrident.data.interferometer.phase import ORDERS, TURN, PhasePath, unwrapped, waves
 from vibrident.data.interferometer.setting import (
     BoolArray,
@@ -33,6 +33,7 @@ from vibrident.data.interferometer.setting import (
     SampledSignals,
     signals_in_memory,
 )
+from vibrident.data.known.unsure import effect_of
 
 HARMONIC_CHANCE = 1e-4  # a harmonic is significant below this probability
 MAX_PIECES = 64  # of a record
@@ -151,15 +152,10 @@ def combined(errors: Sequence[CyclicError]) -> CyclicError:
 
     Its covariance is that of their scatter, if they scatter more than their covariances explain.
     """
-    weights = [np.linalg.inv(error.covariance) for error in errors]
-    covariance = np.linalg.inv(np.sum(weights, axis=0))
-    mean = covariance @ np.sum(
-        [w @ error.waves for w, error in zip(weights, errors, strict=True)], axis=0
+    mean, covariance, total = weighted_mean(
+        [error.waves for error in errors], [error.covariance for error in errors]
     )
-    deviations = [error.waves - mean for error in errors]
-    scatter = sum(float(d @ w @ d) for d, w in zip(deviations, weights, strict=True)) / max(
-        6 * (len(errors) - 1), 1
-    )
+    scatter = total / max(6 * (len(errors) - 1), 1)
     best = min(errors, key=lambda error: float(np.trace(error.covariance)))
     by_ellipse = np.mean([error.by_ellipse for error in errors], axis=0)
     return CyclicError(mean, covariance * max(scatter, 1.0), best.freedom, by_ellipse)
@@ -327,9 +323,4 @@ def _pattern(
         values[at] += change
         counts[at] += 1.0
     values /= np.maximum(counts, 1.0)
-    largest = float(np.max(np.abs(values))) or 1.0
-    shape = tuple(
-        (float(f), float(v.real) / largest, float(v.imag) / largest)
-        for f, v in zip(grid, values, strict=True)
-    )
-    return SystematicEffect(source, kind, largest, pattern=shape)
+    return effect_of(source, kind, grid, values)

@@ -223,23 +223,35 @@ def fit_short_arc(u: FloatArray, samples: float) -> Ellipse:
     )
 
 
+def weighted_mean(
+    values: Sequence[FloatArray], covariances: Sequence[FloatArray]
+) -> tuple[FloatArray, FloatArray, float]:
+    """Return the mean of vectors weighted by their covariances, its covariance, and χ²."""
+    weights = [np.linalg.inv(covariance) for covariance in covariances]
+    covariance = np.linalg.inv(np.sum(weights, axis=0))
+    mean = covariance @ np.sum([w @ v for w, v in zip(weights, values, strict=True)], axis=0)
+    off = [value - mean for value in values]
+    return mean, covariance, sum(float(d @ w @ d) for d, w in zip(off, weights, strict=True))
+
+
 def excess(block: FloatArray, ellipse: Ellipse) -> float:
     """Return the mean of |v|² − 1 of a block without its noise.
 
     That is twice the relative deviation of its amplitude.
     """
-    clean = _products_on_circle(block, ellipse, ellipse.noise)
+    clean = _clean_products(block, ellipse)
     return float(_EXCESS @ clean[:, 0] / clean[0, 0])
 
 
-def _products_on_circle(sums: FloatArray, ellipse: Ellipse, noise: FloatArray | None) -> FloatArray:
-    """Return the matrix of products of the six functions of v, shape (6, 6).
-
-    Corrected for noise if variances of the ``noise`` are given.
-    """
+def _products_on_circle(sums: FloatArray, ellipse: Ellipse) -> FloatArray:
+    """Return the matrix of products of the six functions of v, shape (6, 6)."""
     change = moments.change_of_coordinates(ellipse.centre, ellipse.inverse)
-    clean = sums if noise is None else moments.without_noise(sums, np.diag(noise))
-    return change @ moments.matrix(clean) @ change.T
+    return change @ moments.matrix(sums) @ change.T
+
+
+def _clean_products(sums: FloatArray, ellipse: Ellipse) -> FloatArray:
+    """Return these products as they are expected without the noise of the signals."""
+    return _products_on_circle(moments.without_noise(sums, ellipse.noise), ellipse)
 
 
 def _noise_variances(total: FloatArray, ellipse: Ellipse) -> FloatArray:
@@ -250,7 +262,7 @@ def _noise_variances(total: FloatArray, ellipse: Ellipse) -> FloatArray:
     count = total[0, 0]
     inverse = ellipse.inverse
     shape = inverse @ np.diag(ellipse.noise) @ inverse.T
-    products = _products_on_circle(total, ellipse, None)
+    products = _products_on_circle(total, ellipse)
     square = max(float(_EXCESS @ products @ _EXCESS) / count, 1e-24)
     squares = products[1:3, 1:3] / count
     first = 4.0 * float(np.sum(shape * squares))
@@ -268,8 +280,8 @@ def _gauss_newton_step(total: FloatArray, ellipse: Ellipse) -> tuple[FloatArray,
     The share is that of the information in the direction with most noise. In a direction dominated
     by noise, a minimum share of the apparent information is used.
     """
-    clean = _products_on_circle(total, ellipse, ellipse.noise)
-    products = _products_on_circle(total, ellipse, None)
+    clean = _clean_products(total, ellipse)
+    products = _products_on_circle(total, ellipse)
     variance = ellipse.radial_noise**2
     gradient = 0.5 * _SLOPES @ clean @ _EXCESS / variance
     prior_information = np.zeros((5, 5))
@@ -295,9 +307,8 @@ def _inflation(blocks: Sequence[FloatArray], total: FloatArray, ellipse: Ellipse
         return 1.0
     variance = ellipse.radial_noise**2
     scores = [
-        0.5 * _SLOPES @ _products_on_circle(block, ellipse, ellipse.noise) @ _EXCESS / variance
-        for block in blocks
+        0.5 * _SLOPES @ _clean_products(block, ellipse) @ _EXCESS / variance for block in blocks
     ]
     scatter = np.var(np.array(scores), axis=0, ddof=1) * len(blocks)
-    expected = np.diag(_SLOPES @ _products_on_circle(total, ellipse, None) @ _SLOPES.T) / variance
+    expected = np.diag(_SLOPES @ _products_on_circle(total, ellipse) @ _SLOPES.T) / variance
     return max(float(np.mean(scatter / np.maximum(expected, 1e-300))), 1.0)

@@ -1,8 +1,8 @@
 """Sum powers of two signals up to the fourth degree: sufficient statistics of an ellipse fit.
 
-Of samples with Gaussian noise of covariance C, ``without_noise`` gives the sums that are expected
-of the samples without noise, exactly: exp(−½ ∇ᵀC∇) is applied to the monomials (Hermite
-polynomials). A fit to them is consistent (Kukush, Markovsky & Van Huffel 2004, "Consistent
+Of samples with Gaussian noise of covariance C, here diagonal, ``without_noise`` gives the sums that
+are expected of the samples without noise, exactly: exp(−½ ∇ᵀC∇) is applied to the monomials
+(Hermite polynomials). A fit to them is consistent (Kukush, Markovsky & Van Huffel 2004, "Consistent
 estimation in an implicit quadratic measurement error model").
 """
 
@@ -15,6 +15,8 @@ from vibrident.data.interferometer.setting import FloatArray
 BLOCK_SAMPLES = 1 << 13  # samples in a product: few enough for the processor's cache
 # powers of x and y of the six functions 1, x, y, x², xy, y²
 POWERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+#: −½ of the second derivative of x^a, as a factor of x^(a − 2).
+_CURVATURE = np.diag([-1.0, -3.0, -6.0], -2)
 
 
 def sums(x: FloatArray, y: FloatArray) -> FloatArray:
@@ -55,23 +57,16 @@ def without_noise(total: FloatArray, noise: FloatArray) -> FloatArray:
 
     Args:
         total: sums, shape (5, 5).
-        noise: covariance of the noise of a sample, shape (2, 2).
+        noise: variances of the noise of both signals, shape (2,).
     """
     correction = _noise_correction(total, noise)
     return total + correction + 0.5 * _noise_correction(correction, noise)
 
 
 def _noise_correction(total: FloatArray, noise: FloatArray) -> FloatArray:
-    result = np.zeros((5, 5))
-    for a in range(5):
-        for b in range(5 - a):
-            if a >= 2:
-                result[a, b] -= 0.5 * noise[0, 0] * a * (a - 1) * total[a - 2, b]
-            if a >= 1 and b >= 1:
-                result[a, b] -= noise[0, 1] * a * b * total[a - 1, b - 1]
-            if b >= 2:
-                result[a, b] -= 0.5 * noise[1, 1] * b * (b - 1) * total[a, b - 2]
-    return result
+    """Return −½ ∇ᵀC∇ of the sums; those above the fourth degree have no meaning."""
+    first, second = (variance * _CURVATURE for variance in noise)
+    return first @ total + total @ second.T
 
 
 def change_of_coordinates(centre: FloatArray, inverse: FloatArray) -> FloatArray:

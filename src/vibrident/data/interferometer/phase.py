@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vibrident.data.interferometer.ellipse import Ellipse
-from vibrident.data.interferometer.setting import BoolArray, FloatArray, SampledSignals
-from vibrident.data.interferometer.survey import MAX_RADIUS, lost_radius
+from vibrident.data.interferometer.setting import BoolArray, FloatArray, Gap, SampledSignals
+from vibrident.data.interferometer.survey import is_near_circle
 
 BLOCK_SAMPLES = 1 << 16  # samples in a block: few enough for the processor's cache
 MAX_CHANGE_RAD = 2.8  # of the phase from sample to sample; beyond, a turn may be missed
@@ -38,18 +38,6 @@ ORDERS = (1, 2, 4)  # orders of the cyclic error: harmonics of the phase
 def waves(phase: FloatArray) -> FloatArray:
     """Return the waves cos nφ and sin nφ for the orders of a cyclic error, shape (6, …)."""
     return np.stack([wave for n in ORDERS for wave in (np.cos(n * phase), np.sin(n * phase))])
-
-
-@dataclass(frozen=True)
-class Gap:
-    """Samples from ``start`` up to ``stop`` that are left out.
-
-    ``jump``: whether the phase jumps there at sufficient amplitude.
-    """
-
-    start: int
-    stop: int
-    jump: bool
 
 
 @dataclass
@@ -128,16 +116,11 @@ def _on_circle(
 
 
 def _usable(v: FloatArray, ellipse: Ellipse) -> BoolArray:
-    radius = v[0] * v[0]
-    radius += v[1] * v[1]
-    least = lost_radius(ellipse) ** 2
-    most = MAX_RADIUS**2
-    if radius.min() > least and radius.max() < most:
-        return np.ones(radius.shape, dtype=bool)
-    good = (radius > least) & (radius < most)
+    good = is_near_circle(ellipse, v)
     bad = np.flatnonzero(~good)
-    for shift in range(-GUARD_SAMPLES, GUARD_SAMPLES + 1):
-        good[np.clip(bad + shift, 0, good.shape[0] - 1)] = False
+    if bad.size:
+        for shift in range(-GUARD_SAMPLES, GUARD_SAMPLES + 1):
+            good[np.clip(bad + shift, 0, good.shape[0] - 1)] = False
     return good
 
 

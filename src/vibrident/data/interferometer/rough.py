@@ -66,7 +66,7 @@ def highest_frequency(
     phase = decimated(
         unwrapped(signals, choice.ellipse, choice.knots, path), signals.samples, factor
     )
-    spoilt = spoilt_outputs([(gap.start, gap.stop) for gap in path.gaps], signals.samples, factor)
+    spoilt = spoilt_outputs(path.gaps, signals.samples, factor)
     return _highest(phase[None, :], spoilt, signals.rate_hz / factor), bool(path.gaps)
 
 

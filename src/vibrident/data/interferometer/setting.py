@@ -39,6 +39,18 @@ class Interferometer:
         return (self.direction or 1) * self.wavelength_m / (4.0 * math.pi * self.passes)
 
 
+@dataclass(frozen=True)
+class Gap:
+    """Samples from ``start`` up to ``stop`` that are left out.
+
+    ``jump``: whether the phase jumps there at sufficient amplitude.
+    """
+
+    start: int
+    stop: int
+    jump: bool
+
+
 @dataclass(frozen=True, eq=False)
 class SampledSignals:
     """Signals of one sampling rate and length that are read block by block."""

@@ -33,10 +33,13 @@ class FittedSine:
     mean: float
     slope: float
 
+    def wave(self, time_s: FloatArray) -> FloatArray:
+        """Return the sine without offset and slope at times in s."""
+        return self.amplitude * np.cos(2.0 * np.pi * self.frequency_hz * time_s + self.angle)
+
     def at(self, time_s: FloatArray) -> FloatArray:
         """Return the value at times in s."""
-        wave = self.amplitude * np.cos(2.0 * np.pi * self.frequency_hz * time_s + self.angle)
-        return wave + self.mean + self.slope * time_s
+        return self.wave(time_s) + self.mean + self.slope * time_s
 
 
 def fit_sine(
@@ -154,8 +157,7 @@ def without_slow_motion(
     time = index / rate_hz
     slow = np.zeros(values.shape)
     for _ in range(4):  # rounds of the joint fit
-        wave = sine.amplitude * np.cos(2.0 * np.pi * sine.frequency_hz * time + sine.angle)
-        slow_and_noise = np.interp(index, valid_index, (values - wave)[valid_index])
+        slow_and_noise = np.interp(index, valid_index, (values - sine.wave(time))[valid_index])
         spectrum = np.asarray(fft.dct(slow_and_noise, type=2))
         spectrum[
             max(int(2.0 * SLOW_TO_SINE * sine.frequency_hz * values.shape[0] / rate_hz), 1) :

@@ -75,7 +75,11 @@ def lost_radius(ellipse: Ellipse) -> float:
 
 def usable_samples(ellipse: Ellipse, u: FloatArray) -> BoolArray:
     """Return which samples, shape (2, n), are neither lost nor far outside the ellipse."""
-    v = ellipse.to_unit_circle(u)
+    return is_near_circle(ellipse, ellipse.to_unit_circle(u))
+
+
+def is_near_circle(ellipse: Ellipse, v: FloatArray) -> BoolArray:
+    """Return the same of samples in the coordinates in which the ellipse is the unit circle."""
     radius = v[0] * v[0] + v[1] * v[1]
     return (radius > lost_radius(ellipse) ** 2) & (radius < MAX_RADIUS**2)
 
@@ -258,13 +262,11 @@ def _knots(
             pieces.append((float(np.mean([middles[i] for i in indices])), piece))
     if len(pieces) < 3:
         return []
-    differences = np.array([ellipse.shape_of(piece) for _, piece in pieces])
-    weights = np.array([np.linalg.inv(piece.shape_covariance) for _, piece in pieces])
     # Pieces of small motion have large errors: an unweighted mean would have, too.
-    off = differences - np.linalg.solve(
-        weights.sum(axis=0), np.einsum("kij,kj->i", weights, differences)
+    _, _, total = ellipses.weighted_mean(
+        [ellipse.shape_of(piece) for _, piece in pieces],
+        [piece.shape_covariance for _, piece in pieces],
     )
-    total = float(np.einsum("ki,kij,kj->", off, weights, off))
     return pieces if chdtrc(4 * (len(pieces) - 1), total) < CHANGE_CHANCE else []
 
 

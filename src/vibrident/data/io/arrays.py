@@ -6,14 +6,14 @@ HDF5 and both kinds of MATLAB files share this.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from vibrident.data.io.columns import MAX_COLUMNS, Channel, ColumnFile
-from vibrident.data.io.stated import Statement, clock_of, nearest_unit, start_of
+from vibrident.data.io.stated import Levels, clock_of, nearest_unit, start_of
 
 #: Fields of a compound type that is a complex number, as h5py's, MATLAB's and others' are.
 _COMPLEX_FIELDS = (("real", "imag"), ("r", "i"), ("re", "im"))
@@ -98,9 +98,7 @@ def _real_columns(column: ArrayColumn, dtype: np.dtype[Any]) -> tuple[ArrayColum
     return (column,) if dtype.kind in "iufb" and dtype.shape == () else ()
 
 
-def channels_of(
-    columns: Sequence[ArrayColumn], levels: Sequence[Mapping[str, Statement]], where: str
-) -> Iterator[Channel]:
+def channels_of(columns: Sequence[ArrayColumn], levels: Levels, where: str) -> Iterator[Channel]:
     """Yield the channels of one array, with the statements about them.
 
     ``levels``: statements about the array, by itself first, then by what holds it; ``where``: the

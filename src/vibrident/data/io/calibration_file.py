@@ -59,6 +59,7 @@ _File = Annotated[
 
 #: Lower end of a band that states the upper one alone: below every frequency that is measured.
 LOWEST_HZ = 1e-12
+_EMPTY_BAND = "The band of the fit is empty."
 _FULL_SCALE = "The most that the recorder holds, in units of the file."
 _ABOUT_KNOWN_RESPONSE = (
     "Of the channel; the column is then in the channel's own unit (unit, else V)."
@@ -318,7 +319,7 @@ def _check_content(calibration: CalibrationFile, where: str) -> None:
 
 def _check_table(section: TableSection, where: str) -> None:
     """Refuse a table that has no response or two, or keys that do not go together."""
-    _check_band(section, where)
+    _require_rising(section, "from_hz", "to_hz", _EMPTY_BAND, where)
     stated_keys = section.model_fields_set
     ways = [way for way, _ in TABLE_WAYS if stated_keys & set(way)]
     is_polar = ways == [TABLE_WAYS[0][0]]
@@ -354,28 +355,23 @@ def _check_table(section: TableSection, where: str) -> None:
         )
 
 
-def _check_band(section: RecordsEntry | TableSection, where: str) -> None:
-    """Refuse a band that ends before it begins."""
-    if section.band_hz is not None and section.band_hz[1] <= section.band_hz[0]:
+def _require_rising(section: Any, low: str, high: str, problem: str, where: str) -> None:
+    """Refuse two keys of which the second is not above the first."""
+    first = getattr(section, low)
+    second = getattr(section, high)
+    if first is not None and second is not None and second <= first:
         raise InputError(
-            "The band of the fit is empty.",
-            expected="to_hz above from_hz",
-            found=f"from_hz = {section.from_hz!r}, to_hz = {section.to_hz!r}",
+            problem,
+            expected=f"{high} above {low}",
+            found=f"{low} = {first!r}, {high} = {second!r}",
             where=where,
             remedy="correct one of the two",
         )
 
 
 def _check_entry(entry: RecordsEntry, where: str) -> None:
-    _check_band(entry, where)
-    if entry.start_s is not None and entry.stop_s is not None and entry.stop_s <= entry.start_s:
-        raise InputError(
-            "The part of the record is empty.",
-            expected="stop_s above start_s",
-            found=f"start_s = {entry.start_s!r}, stop_s = {entry.stop_s!r}",
-            where=where,
-            remedy="correct one of the two",
-        )
+    _require_rising(entry, "from_hz", "to_hz", _EMPTY_BAND, where)
+    _require_rising(entry, "start_s", "stop_s", "The part of the record is empty.", where)
     problem = "Only a sine has one frequency."
     require_only_with(entry, "frequency_hz", "excitation", "sine", problem, where, needed=False)
 

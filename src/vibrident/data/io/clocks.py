@@ -6,16 +6,15 @@ The rate of the calibration file must agree with what the files state, each with
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from decimal import Decimal
 
 import numpy as np
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.columns import Clock, ColumnFile, StartTime
-from vibrident.data.io.header_units import header, is_time, seconds_per_unit
-from vibrident.data.io.sampling import SAME_RATE
+from vibrident.data.io.columns import Clock, ColumnFile, Positions, StartTime
+from vibrident.data.io.header_units import SourceColumn, is_time
+from vibrident.data.io.sampling import SAME_RATE, agreed_clock
 from vibrident.data.io.timeline import Timeline, timeline_from, timeline_of
 from vibrident.data.records import FloatArray
 
@@ -31,6 +30,12 @@ class ChannelClock:
     clock: Clock
     timeline: Timeline | None = None
     note: str = ""
+
+    @property
+    def is_even(self) -> bool:
+        """Return whether every row is a sample of an even raster."""
+        line = self.timeline
+        return line is None or not (line.is_uneven or line.doubled or line.lost)
 
     @property
     def begins_s(self) -> float:
@@ -58,7 +63,7 @@ class ClockReader:
     _timelines: dict[tuple[int, int], Timeline | None] = field(default_factory=dict)
 
     def clock_of(
-        self, source: ColumnFile, position: int, channels: Sequence[int]
+        self, source: ColumnFile, position: int, channels: Positions
     ) -> ChannelClock | None:
         """Return the clock of a channel; None if nothing states one.
 
@@ -72,17 +77,15 @@ class ClockReader:
         """
         column, is_asked_for = self._time_column_of(source, position, channels)
         clock = source.clock(position)
-        timeline = None
         if column is not None:
             needed = is_asked_for or (self.stated_hz is None and clock is None)
-            timeline = self._timeline(source, column, needed=needed)
-        elif (stamps := source.stamps(position)) is not None:
-            timeline = _timeline_of_stamps(source, position, stamps)
-            clock = None
+            timeline = self._timeline(SourceColumn(source, column, "time_column"), needed=needed)
+        else:
+            timeline = _timeline_of_stamps(source, position)
         declared = None if self.stated_hz is None else stated_clock(self.stated_hz)
-        if declared is not None and source is not self.main and clock is None and timeline is None:
-            return ChannelClock(declared)
         if declared is not None and source is not self.main:
+            if clock is None and timeline is None:
+                return ChannelClock(declared)
             declared = None  # the rate of the record's file; another file states its own
         by_stamps = None if timeline is None else timeline.clock
         agreed = agreed_clock(
@@ -91,8 +94,7 @@ class ClockReader:
                 (source.file, clock),
                 (self._name(source, column), by_stamps),
             ],
-            self.where,
-            source.file,
+            f"{self.where}, for {source.file}",
         )
         if agreed is None:
             return None
@@ -106,7 +108,7 @@ class ClockReader:
         notes = [timeline.note if timeline is not None else "", _rounding_note(agreed, declared)]
         return ChannelClock(agreed, timeline, "; ".join(filter(None, notes)))
 
-    def has_time_column(self, source: ColumnFile, position: int, channels: Sequence[int]) -> bool:
+    def has_time_column(self, source: ColumnFile, position: int, channels: Positions) -> bool:
         """Return whether a column of the file gives the times of a channel; as ``clock_of``."""
         return self._time_column_of(source, position, channels)[0] is not None
 
@@ -114,7 +116,7 @@ class ClockReader:
         return source.file if column is None else f"{source.file}, column {source.names[column]!r}"
 
     def _time_column_of(
-        self, source: ColumnFile, position: int, channels: Sequence[int]
+        self, source: ColumnFile, position: int, channels: Positions
     ) -> tuple[int | None, bool]:
         """Return the time column of a channel, and whether the calibration file names one."""
         requested = self._requested_column(source, channels)
@@ -122,71 +124,67 @@ class ClockReader:
             column
             for column in range(len(source.names))
             if column not in channels
-            and (is_time(header(source, column)) or source.in_seconds(column))
+            and (is_time(SourceColumn(source, column).header) or source.in_seconds(column))
         ]
         if requested is not None and requested not in candidates:
             candidates = sorted([*candidates, requested])
         if not candidates:
             return None, False
-        groups: list[list[int]] = []  # time columns side by side are one clock
-        for column in candidates:
-            if groups and column == groups[-1][-1] + 1:
-                groups[-1].append(column)
-            else:
-                groups.append([column])
-        group = next((g for g in reversed(groups) if g[0] < position), groups[0])
-        if requested is not None and (requested in group or len(groups) == 1):
-            return requested, True
-        return group[0], requested is not None
+        # time columns side by side are one clock
+        firsts = [column for column in candidates if column - 1 not in candidates]
+        first = max((column for column in firsts if column < position), default=firsts[0])
+        if requested is not None:
+            first_of_requested = max(column for column in firsts if column <= requested)
+            if first_of_requested == first or len(firsts) == 1:
+                return requested, True
+        return first, requested is not None
 
-    def _requested_column(self, source: ColumnFile, channels: Sequence[int]) -> int | None:
+    def _requested_column(self, source: ColumnFile, channels: Positions) -> int | None:
         """Return the column that the calibration file names, in this file; None for none."""
         if self.time_column is None:
             return None
         if source is self.main:
             return source.position_of(self.time_column, "[sampling] time_column")
         if isinstance(self.time_column, str):
-            return (
-                source.names.index(self.time_column) if self.time_column in source.names else None
-            )
+            names = source.names
+            return names.index(self.time_column) if self.time_column in names else None
         position = self.time_column - 1
         if position >= len(source.names) or position in channels:
             return None
-        return position if is_time(header(source, position)) else None
+        return position if is_time(SourceColumn(source, position).header) else None
 
-    def _timeline(self, source: ColumnFile, column: int, *, needed: bool) -> Timeline | None:
-        key = (id(source), column)
+    def _timeline(self, column: SourceColumn, *, needed: bool) -> Timeline | None:
+        key = (id(column.source), column.position)
         if key not in self._timelines:
-            self._timelines[key] = self._read_timeline(source, column, needed=needed)
+            self._timelines[key] = self._read_timeline(column, needed=needed)
         return self._timelines[key]
 
-    def _read_timeline(self, source: ColumnFile, column: int, *, needed: bool) -> Timeline | None:
+    def _read_timeline(self, column: SourceColumn, *, needed: bool) -> Timeline | None:
         """Read a column of times; None if it states nothing about a rate that is known."""
-        if needed:
-            (times,) = source.load([column])
-            return timeline_of(source, column, times)
         try:
-            (times,) = source.load([column])
-            seconds = seconds_per_unit(source, column)
+            (times,) = column.source.load([column.position])
+            if needed:
+                return timeline_of(column, times)
+            seconds = column.seconds
             if times.size < _MIN_STAMPS or not np.all(np.isfinite(times)):
                 return None
             if seconds is None and self.stated_hz is not None:
-                return self._timeline_beside_rate(source, column, times)
-            return timeline_of(source, column, times)
+                return self._timeline_beside_rate(column, times, self.stated_hz)
+            return timeline_of(column, times)
         except InputError:  # text, a counter, or times that go back: no clock
+            if needed:
+                raise
             return None
 
     def _timeline_beside_rate(
-        self, source: ColumnFile, column: int, times: FloatArray
+        self, column: SourceColumn, times: FloatArray, rate_hz: float
     ) -> Timeline | None:
         """Return the timeline of a column without a unit, in that which suits the stated rate."""
-        assert self.stated_hz is not None
         usual = float(np.median(np.diff(times)))
         if np.all(np.diff(times) == 1.0) or usual <= 0.0:
             return None
-        rate_hz = self.stated_hz
         unit_s = min(_POSSIBLE_SECONDS, key=lambda seconds: abs(usual * seconds * rate_hz - 1.0))
-        return timeline_of(source, column, times, unit_s)
+        return timeline_of(column, times, unit_s)
 
     def _uneven_beside_rate(self, source: ColumnFile, column: int | None) -> InputError:
         return InputError(
@@ -198,15 +196,25 @@ class ClockReader:
         )
 
 
-def _timeline_of_stamps(source: ColumnFile, position: int, stamps: FloatArray) -> Timeline:
-    """Return the timeline of stamps that a format gives each sample of a channel, in seconds."""
+def file_clock(source: ColumnFile, position: int) -> Clock | None:
+    """Return the clock that a file states of a channel, by a header, time stamps or both."""
+    timeline = _timeline_of_stamps(source, position)
+    by_stamps = None if timeline is None else timeline.clock
+    statements = [("the header", source.clock(position)), ("the time stamps", by_stamps)]
+    return agreed_clock(statements, source.file)
+
+
+def _timeline_of_stamps(source: ColumnFile, position: int) -> Timeline | None:
+    """Return the timeline of stamps that a format gives each sample of a channel; None if none."""
+    stamps = source.stamps(position)
+    if stamps is None or stamps.size < 2:
+        return None
     start = source.start(position) or StartTime.on_own_clock(float(stamps[0]))
-    resolution_s = float(np.spacing(np.max(np.abs(stamps))))
 
     def locate(row: int) -> str:
         return f"time stamp of {source.locate(position, row)}"
 
-    return timeline_from(stamps - stamps[0], resolution_s, start, locate)
+    return timeline_from(stamps, start, locate)
 
 
 def stated_clock(rate_hz: float) -> Clock:
@@ -214,53 +222,6 @@ def stated_clock(rate_hz: float) -> Clock:
     exponent = Decimal(repr(rate_hz)).as_tuple().exponent
     assert isinstance(exponent, int)  # finite
     return Clock(rate_hz, max(0.5 * 10.0**exponent / rate_hz, SAME_RATE))
-
-
-def agreed_clock(
-    statements: Sequence[tuple[str, Clock | None]], where: str, file: str
-) -> Clock | None:
-    """Return the clock that all statements agree on, each within its own rounding; None if none.
-
-    The rate is that of the first statement unless a later one refines it. The start is that of the
-    last which has one: time stamps say more than a header.
-
-    Args:
-        statements: whose, and the clock or None.
-        where: entry of the calibration file, for messages.
-        file: the record's file, for messages.
-
-    Raises:
-        InputError: two statements contradict each other.
-    """
-    agreed: Clock | None = None
-    whose = ""
-    for name, clock in statements:
-        if clock is None:
-            continue
-        if agreed is None:
-            agreed = clock
-            whose = name
-            continue
-        apart = abs(clock.rate_hz / agreed.rate_hz - 1.0)
-        if apart > clock.rate_rounding + agreed.rate_rounding:
-            raise InputError(
-                "The sampling rate contradicts the file.",
-                expected=f"{_rounded_rate(clock.rate_hz)!r} samples per second, as {name} states",
-                found=f"{_rounded_rate(agreed.rate_hz)!r} in {whose}",
-                where=f"{where}, for {file}",
-                remedy="remove or correct rate_hz; of wrong time stamps, remove the column",
-            )
-        if apart > clock.rate_rounding:  # the later one refutes the earlier one's last digits
-            agreed = replace(clock, start=clock.start or agreed.start)
-            whose = name
-        else:
-            agreed = replace(agreed, start=clock.start or agreed.start)
-    return agreed
-
-
-def _rounded_rate(rate_hz: float) -> float:
-    """Return a rate without the last digits of a regression."""
-    return float(f"{rate_hz:.12g}")
 
 
 def _rounding_note(agreed: Clock, declared: Clock | None) -> str:
@@ -279,7 +240,7 @@ def is_same_rate(first: Clock, second: Clock) -> bool:
 def require_even(clock: ChannelClock, source: ColumnFile, where: str) -> None:
     """Refuse uneven, doubled or lost samples, which demodulation of raw light does not allow."""
     timeline = clock.timeline
-    if timeline is not None and (timeline.is_uneven or timeline.doubled or timeline.lost):
+    if timeline is not None and not clock.is_even:
         raise InputError(
             "The samples beside an interferometer's signals are not even.",
             expected="even times, none of them missing or twice",

@@ -7,14 +7,14 @@ before memory is allocated.
 from __future__ import annotations
 
 import os
-from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vibrident.base import extras, memory
 from vibrident.base.errors import InputError, did_you_mean
@@ -26,6 +26,24 @@ MAX_LINE_LENGTH = 1 << 18  # characters of a line of text
 _MAX_NAMES_IN_MESSAGE = 12  # further names are counted only
 _MAX_NAME_LENGTH = 100  # characters; longer names are cut
 _NUMBER_BYTES = 8
+
+#: What the system says of a file → reason and remedy.
+_REASONS: dict[type[BaseException], tuple[str, str]] = {
+    FileNotFoundError: (
+        "no file of that name",
+        "check the path; paths in a calibration file start at its folder",
+    ),
+    IsADirectoryError: (
+        "a folder",
+        "name a file in it; of data files also a glob such as 'folder/*.csv'",
+    ),
+    PermissionError: ("a file that may not be read", "ask for the right to read it"),
+}
+#: Places of columns in ``names`` of a file, from 0.
+Positions = Sequence[int]
+IntArray = NDArray[np.int64]
+#: Description of a row's place, for messages.
+Locate = Callable[[int], str]
 
 
 def require_room(path: Path, numbers: int, number_bytes: int = _NUMBER_BYTES) -> None:
@@ -117,6 +135,7 @@ class Channel:
         unit: stated beside the name; "" if none.
         over_frequency: True for values over frequency, which no record is.
         start: time of the first sample, if it is stated without a rate.
+        samples: number that the file declares; 0 where it declares none.
     """
 
     name: str
@@ -126,15 +145,17 @@ class Channel:
     unit: str = ""
     over_frequency: bool = False
     start: StartTime | None = None
+    samples: int = 0
 
 
-class ColumnFile(ABC):
+class ColumnFile:
     """A file of columns, opened but not yet converted; a subclass for each format reads them.
 
     A position is a column's place in ``names``, from 0. What the user writes in the calibration
     file (a number from 1, or a name) becomes a position through ``position_of``.
     """
 
+    expected = "a file of columns"  # what a sound file is, for messages
     names_are_paths = False  # True for a unit in the last part only
     word = "channel"  # what the format calls a column
 
@@ -186,9 +207,15 @@ class ColumnFile(ABC):
 
     def start(self, position: int) -> StartTime | None:
         """Return the time of a column's first sample: by its clock, or by its first date."""
+        if self.in_seconds(position):
+            return self._first_date(position)
         clock = self.clock(position)
         by_clock = None if clock is None else clock.start
         return by_clock or self._channels[position].start
+
+    def _first_date(self, position: int) -> StartTime | None:
+        """Return the first date of a column of a time type; None if it has none."""
+        return self._channels[position].start
 
     def stated_unit(self, position: int) -> str:
         """Return the unit of a column that the file states beside its name; "" if none."""
@@ -198,19 +225,31 @@ class ColumnFile(ABC):
         """Return whether this column is of a time type."""
         return self._channels[position].in_seconds
 
-    @abstractmethod
-    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
+    def load(self, positions: Positions) -> tuple[FloatArray, ...]:
         """Convert the columns at these positions; each has shape (samples,) and may hold NaN.
 
         Raises:
             InputError: a column cannot be read as real numbers.
         """
+        channels = [self._channels[position] for position in positions]
+        with reading(self._path, self.expected):
+            require_room(self._path, sum(channel.samples for channel in channels))
+            columns = tuple(self._read([channel.handle for channel in channels]))
+            for channel, values in zip(channels, columns, strict=True):
+                if channel.samples and values.size != channel.samples:
+                    sizes = f"{values.size} values where it states {channel.samples}"
+                    raise ValueError(f"{channel.name!r} has {sizes}")
+            return columns
+
+    def _read(self, handles: Sequence[Any]) -> Iterable[FloatArray]:
+        """Read the columns of these handles; any exception means a damaged file."""
+        raise NotImplementedError
 
     def length(self, position: int) -> int:
         """Return the number of samples of a column."""
-        return int(self._loaded_columns([position])[0].shape[0])
+        return self._channels[position].samples or self._loaded_columns([position])[0].size
 
-    def block(self, positions: Sequence[int], start: int, stop: int) -> FloatArray:
+    def block(self, positions: Positions, start: int, stop: int) -> FloatArray:
         """Return samples of columns from ``start`` up to ``stop``; errors as ``load``.
 
         The shape is (columns, stop − start). Formats that cannot read a part of a file keep all of
@@ -222,10 +261,7 @@ class ColumnFile(ABC):
         """Return whether ``block`` reads a part of a column alone, whose clock needs no stamps."""
         return False
 
-    def _handles(self, positions: Sequence[int]) -> list[Any]:
-        return [self._channels[position].handle for position in positions]
-
-    def _loaded_columns(self, positions: Sequence[int]) -> list[FloatArray]:
+    def _loaded_columns(self, positions: Positions) -> list[FloatArray]:
         missing = [position for position in positions if position not in self._loaded]
         self._loaded.update(zip(missing, self.load(missing) if missing else (), strict=True))
         return [self._loaded[position] for position in positions]
@@ -283,24 +319,20 @@ class ColumnFile(ABC):
             )
         if isinstance(column, int):
             return self._position_of_number(column, where)
-        matches = [position for position, name in enumerate(self.names) if name == column_name]
-        if not matches:  # "S" for "S [mV/g]"
-            plain = [split_brackets(name)[0] for name in self.names]
-            matches = [position for position, name in enumerate(plain) if name == column_name]
-        if len(matches) == 1:
-            return matches[0]
-        if matches:
-            numbers = " or ".join(
-                str(self.numbered.index(p) + 1) for p in matches if p in self.numbered
-            )
-            raise InputError(
-                f"The column name {column!r} is not unique.",
-                expected="a name that occurs once in the header, or a column number",
-                found=f"{len(matches)} columns of that name",
-                where=where,
-                remedy=f"use a column number instead: {numbers}",
-            )
-        named = [name for name in self.names if name]
+        plain = [split_brackets(name)[0] for name in self.names]  # "S" for "S [mV/g]"
+        for names in (self.names, plain):
+            matches = [position for position, name in enumerate(names) if name == column_name]
+            if len(matches) == 1:
+                return matches[0]
+            if matches:
+                numbers = [self.numbered.index(p) + 1 for p in matches if p in self.numbered]
+                raise InputError(
+                    f"The column name {column!r} is not unique.",
+                    expected="a name that occurs once in the header, or a column number",
+                    found=f"{len(matches)} columns of that name",
+                    where=where,
+                    remedy=f"use a column number instead: {' or '.join(map(str, numbers))}",
+                )
         raise InputError(
             f"There is no column named {column!r}.",
             expected=self._offer(),
@@ -308,7 +340,7 @@ class ColumnFile(ABC):
             where=where,
             remedy=did_you_mean(
                 column_name,
-                named,
+                filter(None, self.names),
                 "give one of these names, or a column number from 1",
                 likeness=0.4,
             ),
@@ -319,6 +351,8 @@ class ColumnFile(ABC):
         return name.strip()
 
     def _position_of_number(self, number: int, where: str) -> int:
+        if 1 <= number <= len(self.numbered):
+            return self.numbered[number - 1]
         if not self.numbered:
             raise InputError(
                 "A column number is ambiguous in this file.",
@@ -327,15 +361,13 @@ class ColumnFile(ABC):
                 where=where,
                 remedy="give the name",
             )
-        if not 1 <= number <= len(self.numbered):
-            raise InputError(
-                "There is no column of that number.",
-                expected=f"a number from 1 to {len(self.numbered)}",
-                found=f"column {number}",
-                where=where,
-                remedy="columns are counted from 1; " + self._offer(),
-            )
-        return self.numbered[number - 1]
+        raise InputError(
+            "There is no column of that number.",
+            expected=f"a number from 1 to {len(self.numbered)}",
+            found=f"column {number}",
+            where=where,
+            remedy="columns are counted from 1; " + self._offer(),
+        )
 
     def _offer(self) -> str:
         named = [name for name in self.names if name]
@@ -406,17 +438,6 @@ def reading(path: Path, expected: str) -> Iterator[None]:
 
 def unreadable(file: str, error: BaseException, expected: str) -> InputError:
     """Return the InputError for a file that the system or a format library refuses."""
-    reasons: dict[type[BaseException], tuple[str, str]] = {
-        FileNotFoundError: (
-            "no file of that name",
-            "check the path; paths in a calibration file start at its folder",
-        ),
-        IsADirectoryError: (
-            "a folder",
-            "name a file in it; of data files also a glob such as 'folder/*.csv'",
-        ),
-        PermissionError: ("a file that may not be read", "ask for the right to read it"),
-    }
     if isinstance(error, MemoryError):
         return InputError(
             "The file does not fit in memory.",
@@ -425,7 +446,7 @@ def unreadable(file: str, error: BaseException, expected: str) -> InputError:
             where=file,
             remedy="check that the file is whole; read a shorter record, or free memory",
         )
-    reason, remedy = reasons.get(
+    reason, remedy = _REASONS.get(
         type(error), (f"{type(error).__name__}: {error}", "check that the file is whole")
     )
     return InputError(

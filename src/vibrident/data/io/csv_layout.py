@@ -7,16 +7,15 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.columns import MAX_LINE_LENGTH, unreadable
+from vibrident.data.io.columns import MAX_LINE_LENGTH, Channel, reading
 from vibrident.data.io.plain_text import BLANKS, PlainText, respelled
 from vibrident.data.io.text_head import (
     LABVIEW_END,
-    HeadFacts,
     HeadLine,
     is_statement,
     read_head,
@@ -28,7 +27,9 @@ from vibrident.data.io.title_rows import (
     keys_over_values,
     names_and_units,
 )
+from vibrident.data.io.vocabulary import VOCABULARY
 
+TEXT_OF_COLUMNS = "a text file of columns"
 _MAX_HEAD_BYTES = MAX_LINE_LENGTH
 _MAX_HEAD_LINES = 400
 _MAX_SAMPLE_LINES = 25
@@ -42,7 +43,8 @@ _NUMBER = {
 _ODD = re.compile(r'[^0-9.,;eE" \t\r+-]|[+-](?![0-9.,])')  # beside plain numbers
 _LETTER = re.compile(r"[\w%°]")  # a line of dashes below the titles has none
 _DECIMAL_COMMA = re.compile(r"\d,\d")
-_MISSING = frozenset({"", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "<na>"})
+#: What pandas takes for a missing value.
+NO_VALUE = frozenset(VOCABULARY["missing"])
 #: Delimiters and decimal signs, tried in this order; an earlier pair wins a tie. The comma is both
 #: only in quoted cells.
 _CANDIDATES = (
@@ -59,13 +61,50 @@ _GROUPED = re.compile(
 
 
 @dataclass(frozen=True)
-class CsvLayout:
-    """Layout of a text file of numbers.
+class Dialect:
+    """Delimiter and decimal sign of the cells of a text, and their number in a line.
 
     Attributes:
         delimiter: one character; ``BLANKS`` stands for runs of blanks and tabs.
         decimal: "." or ",".
         fields: number of fields in a data line, an empty one after a trailing separator included.
+    """
+
+    delimiter: str
+    decimal: str
+    fields: int
+
+    def split(self, line: str) -> list[str]:
+        """Split one line into its cells, without quotes and without blanks around them."""
+        gap = self.delimiter
+        if '"' in line:
+            with contextlib.suppress(csv.Error):  # a cell beyond its limits is not a number
+                plain = line.strip(" \r\n").replace("\r", " ")
+                plain = plain.replace("\t", " ") if gap == BLANKS else plain
+                cells = next(csv.reader([plain], delimiter=gap, skipinitialspace=True))
+                return [cell.strip() for cell in cells]
+        if gap == BLANKS:
+            return line.split()
+        return [cell.strip() for cell in line.strip("\r\n").split(gap)]
+
+    def is_number(self, cell: str) -> bool:
+        """Return whether the cell is a number, written with this decimal sign."""
+        return _NUMBER[self.decimal].fullmatch(cell) is not None
+
+    def columns_with_text(self, row: Sequence[str], numeric: Sequence[int]) -> list[int]:
+        """Return the columns of numbers that hold text in this row."""
+        return [
+            column
+            for column in numeric
+            if column < len(row) and not self.is_number(row[column]) and row[column] not in NO_VALUE
+        ]
+
+
+@dataclass(frozen=True)
+class CsvLayout(Dialect):
+    """Layout of a text file of numbers.
+
+    Attributes:
         names: of the columns; all "" without a header.
         units: row of units below the names; all "" without one.
         first_line: number of the first data line, from 1.
@@ -76,56 +115,27 @@ class CsvLayout:
         read_head: reads a further head in the same layout.
     """
 
-    delimiter: str
-    decimal: str
-    fields: int
     names: tuple[str, ...]
     units: tuple[str, ...]
     first_line: int
     offset: int
     encoding: str
     has_comments: bool
-    facts: HeadFacts
-    read_head: Callable[[Sequence[HeadLine]], HeadFacts]
+    facts: tuple[Channel, ...]
+    read_head: Callable[[Sequence[HeadLine]], tuple[Channel, ...]]
 
 
-def split_line(line: str, delimiter: str) -> list[str]:
-    """Split one line into its cells, without quotes and without blanks around them."""
-    if '"' in line:
-        with contextlib.suppress(csv.Error):  # a cell beyond its limits is not a number
-            plain = line.strip(" \r\n").replace("\r", " ")
-            plain = plain.replace("\t", " ") if delimiter == BLANKS else plain
-            return [
-                cell.strip()
-                for cell in next(csv.reader([plain], delimiter=delimiter, skipinitialspace=True))
-            ]
-    if delimiter == BLANKS:
-        return line.split()
-    return [cell.strip() for cell in line.strip("\r\n").split(delimiter)]
+def open_text(path: Path) -> tuple[PlainText, CsvLayout]:
+    """Open a text file and find its layout from its first lines.
 
-
-def is_number(cell: str, decimal: str) -> bool:
-    """Return whether the cell is a number, written with this decimal sign."""
-    return _NUMBER[decimal].fullmatch(cell) is not None
-
-
-def open_text(path: Path, file: str) -> PlainText:
-    """Open a text file; InputError where it cannot be read."""
-    try:
-        return PlainText(path)
-    except OSError as error:
-        raise unreadable(file, error, "a text file of columns") from error
-
-
-def detect_layout(text: PlainText, file: str) -> CsvLayout:
-    """Find the layout of a text file from its first lines; InputError without rows of numbers."""
-    try:
+    InputError where it cannot be read or has no rows of numbers.
+    """
+    with reading(path, TEXT_OF_COLUMNS):
+        text = PlainText(path)
         with text.open() as stream:
             head = stream.read(_MAX_HEAD_BYTES)
             is_complete = not stream.read(1)
-    except OSError as error:
-        raise unreadable(file, error, "a text file of columns") from error
-    return _layout_of(*_head_lines(head, is_complete, file), head, file)
+        return text, _layout_of(*_head_lines(head, is_complete, str(path)), head, str(path))
 
 
 def line_too_long(file: str, line: int) -> InputError:
@@ -196,30 +206,37 @@ def _layout_of(lines: list[str], encoding: str, head: bytes, file: str) -> CsvLa
     plain = [respelled(line, ",;\t ") if _ODD.search(line) else line for line in lines]
     rows = [i for i, line in enumerate(plain) if line.strip() and not _is_comment(line)]
     sample = rows[len(rows) // 2 :][-_MAX_SAMPLE_LINES:]
-    delimiter, decimal, fields = _dialect([plain[i] for i in sample], [plain[i] for i in rows])
-    if decimal == "." and delimiter != ",":
-        decimal = _decimal_of([plain[i] for i in rows], delimiter)
-    cells = {i: split_line(plain[i], delimiter) for i in rows}
-    complete = [cells[i] for i in sample if len(cells[i]) == fields]
-    numeric = _numeric_columns(complete, fields, decimal)
+    dialect = _dialect([plain[i] for i in sample], [plain[i] for i in rows])
+    delimiter = dialect.delimiter
+    fields = dialect.fields
+    cells = {i: dialect.split(plain[i]) for i in rows}
+    numeric = _numeric_columns([cells[i] for i in sample if len(cells[i]) == fields], dialect)
     has_comments = any(
         len(row) == fields + 1 and row[-1].lower() in COMMENTS for row in cells.values()
     )
     if has_comments:
         cells = {i: row[:fields] for i, row in cells.items()}
-    first = _first_row(cells, lines, numeric, fields, delimiter, decimal)
+    first = _first_row(cells, lines, numeric, dialect)
     if first is None:
         for i in sample:
             for cell in cells[i]:
                 refuse_thousands(cell, f"{file}, line {i + 1}")
         raise _no_rows([lines[i] for i in rows], file)
     where = f"{file}, line {first + 1}"
-    head_cells = {i: split_line(lines[i], delimiter) for i in rows if i < first}
-    _refuse_commas_of_two_kinds([cells[i] for i in head_cells], delimiter, fields, where)
-    _refuse_mixed_first_row(cells[first], numeric, decimal, where)
+    head_cells = {i: dialect.split(lines[i]) for i in rows if i < first}
+    _refuse_commas_of_two_kinds([cells[i] for i in head_cells], dialect, where)
+    texts = dialect.columns_with_text(cells[first], numeric)
+    if texts:  # half header, half data: dropping or using it would be a guess
+        raise InputError(
+            "The first row of numbers holds text.",
+            expected="a number in every column that holds numbers further down",
+            found=f"{cells[first][texts[0]][:40]!r} in column {texts[0] + 1}",
+            where=where,
+            remedy="repair the value; or, if the line belongs to the header, put # in front of it",
+        )
     data = {i: row for i, row in cells.items() if i >= first}
     width = columns_of([*data.values()], [*head_cells.values()][-2:], fields)
-    titles = _titles(lines[:first], head_cells, delimiter)
+    titles = _titles(lines[:first], head_cells, dialect)
     names, units = names_and_units(titles, delimiter, width)
     head_lines = [HeadLine(i + 1, line) for i, line in enumerate(lines[:first])]
     head_lines += keys_over_values(head_cells, width)
@@ -230,7 +247,7 @@ def _layout_of(lines: list[str], encoding: str, head: bytes, file: str) -> CsvLa
     read = partial(
         read_head,
         delimiter=delimiter,
-        decimal=decimal,
+        decimal=dialect.decimal,
         width=width,
         file=file,
         numeric=numeric,
@@ -238,7 +255,7 @@ def _layout_of(lines: list[str], encoding: str, head: bytes, file: str) -> CsvLa
     )
     return CsvLayout(
         delimiter=delimiter,
-        decimal=decimal,
+        decimal=dialect.decimal,
         fields=fields,
         names=names,
         units=units,
@@ -251,27 +268,29 @@ def _layout_of(lines: list[str], encoding: str, head: bytes, file: str) -> CsvLa
     )
 
 
-def _titles(head: Sequence[str], cells: Mapping[int, list[str]], delimiter: str) -> list[list[str]]:
+def _titles(
+    head: Sequence[str], cells: Mapping[int, list[str]], dialect: Dialect
+) -> list[list[str]]:
     """Return the rows above the data that name columns: uncommented ones, else comments.
 
     Args:
         head: lines above the data.
         cells: line's index to its cells, of the lines that are no comments.
-        delimiter: of the cells.
+        dialect: of the cells.
     """
     titles = [
         row
         for i, row in cells.items()
-        if not is_statement(head[i], delimiter) and _LETTER.search(head[i])
+        if not is_statement(head[i], dialect.delimiter) and _LETTER.search(head[i])
     ]
     if titles:
         return titles
     comments = [
-        split_line(line.lstrip("#% "), delimiter)
+        dialect.split(line.lstrip("#% "))
         for line in head
-        if _is_comment(line) and line.strip("#% \r") and not is_statement(line, delimiter)
+        if _is_comment(line) and line.strip("#% \r") and not is_statement(line, dialect.delimiter)
     ]
-    if comments and any(is_number(cell, ".") for cell in comments[-1]):
+    if comments and any(_NUMBER["."].fullmatch(cell) for cell in comments[-1]):
         return []  # the last comment is a row of data
     return comments
 
@@ -280,41 +299,35 @@ def _offset_of_line(head: bytes, index: int) -> int:
     """Return where a line of the file begins, in bytes; behind the byte-order mark."""
     if index == 0:
         return len(_BOM) if head.startswith(_BOM) else 0
-    offset = 0
-    for _ in range(index):
-        offset = head.index(b"\n", offset) + 1
-    return offset
+    return sum(len(line) + 1 for line in head.split(b"\n", index)[:index])
 
 
-def _numeric_columns(rows: Sequence[list[str]], fields: int, decimal: str) -> list[int]:
+def _numeric_columns(rows: Sequence[list[str]], dialect: Dialect) -> list[int]:
     """Return the columns most of whose cells hold numbers."""
     return [
         column
-        for column in range(fields)
-        if 2 * sum(is_number(row[column], decimal) for row in rows) > len(rows)
+        for column in range(dialect.fields)
+        if 2 * sum(dialect.is_number(row[column]) for row in rows) > len(rows)
     ]
 
 
 def _first_row(
-    cells: dict[int, list[str]],
-    lines: Sequence[str],
-    numeric: Sequence[int],
-    fields: int,
-    delimiter: str,
-    decimal: str,
+    cells: dict[int, list[str]], lines: Sequence[str], numeric: Sequence[int], dialect: Dialect
 ) -> int | None:
     """Return the first line of data; None where there is none."""
     last = next(reversed(cells), 0)
     is_labview = any(line.startswith(LABVIEW_END) for line in lines)
     for i, row in cells.items():
-        numbers = [len(row) > column and is_number(row[column], decimal) for column in numeric]
-        is_longer = len(row) > fields and delimiter != BLANKS and all(numbers)
-        if not any(numbers) or not (len(row) == fields or is_longer):
+        numbers = [len(row) > column and dialect.is_number(row[column]) for column in numeric]
+        excess = len(row) - dialect.fields
+        is_longer = excess > 0 and dialect.delimiter != BLANKS and all(numbers)
+        if not any(numbers) or (excess and not is_longer):
             continue
         if is_labview and row[0][:1].isalpha() and not cells[last][0]:
             continue  # a key above an empty column
-        if all(numbers) or not is_statement(lines[i], delimiter):
-            return _line_behind_names({j: r for j, r in cells.items() if j >= i}, numeric, decimal)
+        if all(numbers) or not is_statement(lines[i], dialect.delimiter):
+            below = {j: row for j, row in cells.items() if j >= i}
+            return _line_behind_names(below, numeric, dialect)
     return None
 
 
@@ -344,65 +357,54 @@ def _is_comment(line: str) -> bool:
     return line.lstrip().startswith(_COMMENT)
 
 
-def _dialect(sample: list[str], lines: list[str]) -> tuple[str, str, int]:
-    """Return delimiter, decimal sign and fields a line that make most cells of the sample numbers.
+def _dialect(sample: list[str], lines: list[str]) -> Dialect:
+    """Return the dialect that makes most cells of the sample numbers.
 
     One field a line is the last resort: "1,5" may be one number or two, usually two.
     """
-    best = (BLANKS, ".", 1)
+    best = Dialect(BLANKS, ".", 1)
     best_score = 0.0
     for delimiter, decimal in _CANDIDATES:
         if delimiter != BLANKS and not any(delimiter in line for line in sample):
             continue
-        rows = [split_line(line, delimiter) for line in sample]
-        fields = _usual_length(rows, lines, delimiter)
+        dialect = Dialect(delimiter, decimal, 0)
+        rows = [dialect.split(line) for line in sample]
+        fields = _usual_length(rows, lines, dialect)
         regular = [row for row in rows if len(row) == fields]
+        cells = [cell for row in regular for cell in row if cell]
         numbers = sum(
-            is_number(cell, decimal) or _GROUPED.fullmatch(cell) is not None
-            for row in regular
-            for cell in row
+            dialect.is_number(cell) or _GROUPED.fullmatch(cell) is not None for cell in cells
         )
-        filled = sum(cell != "" for row in regular for cell in row)
-        score = numbers / max(filled, 1) * len(regular) / max(len(rows), 1)
+        score = numbers / max(len(cells), 1) * len(regular) / max(len(rows), 1)
         if fields > 1 and score > best_score:
-            best = (delimiter, decimal, fields)
+            best = replace(dialect, fields=fields)
             best_score = score
+    if best.decimal == "." and best.delimiter != ",":
+        # by the whole head: the sample may hold integers alone
+        cells = [cell for line in lines for cell in best.split(line)]
+        commas = sum(
+            _NUMBER[","].fullmatch(cell) is not None and _DECIMAL_COMMA.search(cell) is not None
+            for cell in cells
+        )
+        points = sum(best.is_number(cell) and "." in cell for cell in cells)
+        best = replace(best, decimal=",") if commas > points else best
     return best
 
 
-def _usual_length(sample: list[list[str]], lines: list[str], delimiter: str) -> int:
+def _usual_length(sample: list[list[str]], lines: list[str], dialect: Dialect) -> int:
     """Return the most frequent length in the sample; of equal ones, that in all lines."""
     in_sample = Counter(map(len, sample))
     if len(in_sample) == 1:
         return next(iter(in_sample))
-    in_all = Counter(len(split_line(line, delimiter)) for line in lines)
+    in_all = Counter(len(dialect.split(line)) for line in lines)
     return max(in_sample, key=lambda length: (in_sample[length], in_all[length]), default=1)
 
 
-def _decimal_of(lines: list[str], delimiter: str) -> str:
-    """Return the decimal sign by the whole head: the sample may hold integers alone."""
-    cells = [cell for line in lines for cell in split_line(line, delimiter)]
-    commas = sum(is_number(cell, ",") and _DECIMAL_COMMA.search(cell) is not None for cell in cells)
-    points = sum(is_number(cell, ".") and "." in cell for cell in cells)
-    return "," if commas > points else "."
-
-
-def _columns_with_text(row: Sequence[str], numeric: Sequence[int], decimal: str) -> list[int]:
-    """Return the columns of numbers that hold text in this row."""
-    return [
-        column
-        for column in numeric
-        if column < len(row)
-        and not is_number(row[column], decimal)
-        and row[column].lower() not in _MISSING
-    ]
-
-
-def _line_behind_names(rows: dict[int, list[str]], numeric: Sequence[int], decimal: str) -> int:
+def _line_behind_names(rows: dict[int, list[str]], numeric: Sequence[int], dialect: Dialect) -> int:
     """Return the first data line: behind names, if each line above has text among its numbers."""
     last: list[int] = []
     for line, row in rows.items():
-        texts = _columns_with_text(row, numeric, decimal)
+        texts = dialect.columns_with_text(row, numeric)
         if not any(row):
             continue
         if not texts:
@@ -411,32 +413,15 @@ def _line_behind_names(rows: dict[int, list[str]], numeric: Sequence[int], decim
     return next(iter(rows))
 
 
-def _refuse_commas_of_two_kinds(
-    above: list[list[str]], delimiter: str, fields: int, where: str
-) -> None:
+def _refuse_commas_of_two_kinds(above: list[list[str]], dialect: Dialect, where: str) -> None:
     """Refuse rows with twice as many cells as names: commas are both decimal sign and delimiter."""
-    headers = [row for row in above if not any(is_number(cell, ".") for cell in row)]
+    headers = [row for row in above if not any(map(_NUMBER["."].fullmatch, row))]
     names = len(headers[-1]) if headers else 0
-    if delimiter == "," and names > 1 and fields == 2 * names:
+    if dialect.delimiter == "," and names > 1 and dialect.fields == 2 * names:
         raise InputError(
             "The commas of the file have two meanings.",
             expected=f"{names} numbers in a row, as there are names above",
-            found=f"{fields} cells between commas; the comma is the decimal sign, too",
+            found=f"{dialect.fields} cells between commas; the comma is the decimal sign, too",
             where=where,
             remedy="export the data with semicolons or tabs between columns, or decimal points",
-        )
-
-
-def _refuse_mixed_first_row(
-    row: Sequence[str], numeric: Sequence[int], decimal: str, where: str
-) -> None:
-    """Refuse a line that is half header, half data: dropping or using it would be a guess."""
-    text = _columns_with_text(row, numeric, decimal)
-    if text:
-        raise InputError(
-            "The first row of numbers holds text.",
-            expected="a number in every column that holds numbers further down",
-            found=f"{row[text[0]][:40]!r} in column {text[0] + 1}",
-            where=where,
-            remedy="repair the value; or, if the line belongs to the header, put # in front of it",
         )

@@ -10,12 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from vibrident.base.errors import InputError
+from vibrident.data.io.clocks import file_clock
 from vibrident.data.io.columns import ColumnFile
 from vibrident.data.io.header_units import is_time
 from vibrident.data.io.reader import open_columns
 from vibrident.data.io.table_column import TableColumn
 from vibrident.data.io.table_units import stated_sensitivity
 from vibrident.data.io.units import quantity_of
+from vibrident.data.io.vocabulary import VOCABULARY
 
 _FREQUENCY = re.compile(r"f|freq.*|frequenz.*", re.IGNORECASE)
 _MAGNITUDE = re.compile(r"mag(nitude)?|abs.*|ampl.*|sens.*|betrag.*", re.IGNORECASE)
@@ -23,21 +25,10 @@ _PHASE = re.compile(r"(phase|phi|arg)", re.IGNORECASE)
 _UNCERTAIN = re.compile(r"unc|sigma|std|unsicherheit|(^|[_\s])(?-i:u)([_\s(]|$)", re.IGNORECASE)
 #: Not standard uncertainties.
 _EXPANDED = re.compile(r"expanded|erweitert|(^|[_\s])(?-i:U)([_\s(/]|$)", re.IGNORECASE)
-#: Words in a reference's name, the surest first, and their quantities.
-_REFERENCES = (
-    (re.compile(r"ref|bezug", re.IGNORECASE), None),
-    (re.compile(r"acc|beschl|a_in|m/s[\^]?2|m/s²", re.IGNORECASE), "acceleration"),
-    (re.compile(r"vel|geschw|vibrometer", re.IGNORECASE), "velocity"),
-    (re.compile(r"force|hammer|kraft", re.IGNORECASE), "force"),
-    (re.compile(r"drive|gen|excit|anregung|input", re.IGNORECASE), "drive"),
-    (re.compile(r"disp|interferom|laser|weg", re.IGNORECASE), "displacement"),
-)
+#: Words in a reference's name, the surest first, and their quantities; "" for none.
+_REFERENCES = [(re.compile(p, re.IGNORECASE), q) for p, q in VOCABULARY["guess"]["references"]]
 #: Names of photodetector signals: cos and sin of the phase, each with the name of its partner.
-_DETECTORS = (
-    (r"(u|pd|det\w*?|photo\w*?|quad\w*?)[ _]?1", r"(u|pd|det\w*?|photo\w*?|quad\w*?)[ _]?2"),
-    (r"cos\w*", r"sin\w*"),
-    (r"i|in[ _-]?phase", r"q|quadrature"),
-)
+_DETECTORS: list[list[str]] = VOCABULARY["guess"]["detectors"]
 _CARRIER = re.compile(r"hetero|beat|carrier", re.IGNORECASE)
 _RESPONSE = re.compile(
     r"resp|out|dut|sensor|volt|charge|signal|laser|pickup|"
@@ -52,13 +43,7 @@ _CHANNEL = re.compile(
     r"(?:ch(?:an(?:nel)?)?|kanal|ai|in(?:put)?|no|nr|#)?[\s._:#/-]*\d+", re.IGNORECASE
 )
 _MAX_NAME_LENGTH = 200
-_EXCITATIONS = (
-    ("multisine", re.compile(r"multi", re.IGNORECASE)),
-    ("sweep", re.compile(r"sweep|chirp", re.IGNORECASE)),
-    ("random", re.compile(r"random|noise|rausch", re.IGNORECASE)),
-    ("shock", re.compile(r"shock|impact|hammer|stoss|stoß", re.IGNORECASE)),
-    ("decay", re.compile(r"decay|free|damping", re.IGNORECASE)),
-)
+_EXCITATIONS = [(re.compile(p, re.IGNORECASE), e) for p, e in VOCABULARY["guess"]["excitations"]]
 
 
 @dataclass(frozen=True)
@@ -97,12 +82,12 @@ def guess_columns(path: Path) -> Columns:
     """
     source = open_columns(path)
     choices = _choices(source)
-    names = []
-    for position, name in enumerate(source.names):
-        unit = source.stated_unit(position)
-        names.append(f"{name} [{unit}]" if unit else name)
+    units = map(source.stated_unit, range(len(source.names)))
+    pairs = zip(source.names, units, strict=True)
+    names = [f"{name} [{unit}]" if unit else name for name, unit in pairs]
     free = [p for p, name in enumerate(names) if not _INDEX.fullmatch(name.strip())]
-    clock = next((clock for clock in map(source.clock, free) if clock is not None), None)
+    clocks = (file_clock(source, position) for position in free)
+    clock = next(filter(None, clocks), None)
     time = next((p for p in free if is_time(names[p])), None) if clock is None else None
     free = [position for position in free if position != time]
     detectors = _detectors(names, free)
@@ -121,7 +106,7 @@ def guess_columns(path: Path) -> Columns:
         response_unit, quantity = _sensitivity(source, table["magnitude"])
         unit = ""
     kind = {1: "heterodyne", 2: "quadrature"}.get(len(detectors))
-    excitation = next((kind for kind, name in _EXCITATIONS if name.search(path.stem)), None)
+    excitation = next((kind for name, kind in _EXCITATIONS if name.search(path.stem)), None)
     document: dict[str, dict[str, Any]] = {
         "reference": {
             "column": choices.get(reference),
@@ -227,13 +212,15 @@ def _table(names: Sequence[str]) -> dict[str, int]:
     stated = [p for p, name in enumerate(names) if not _EXPANDED.search(name)]
     uncertainties = [p for p in stated if _UNCERTAIN.search(names[p])]
     values = [p for p in stated if p not in uncertainties]
+    ways = (
+        ("frequency", values, _FREQUENCY.match),
+        ("magnitude", values, _MAGNITUDE.match),
+        ("phase", values, _PHASE.match),
+        ("magnitude_uncertainty", uncertainties, _MAGNITUDE.search),
+        ("phase_uncertainty", uncertainties, _PHASE.search),
+    )
     positions = {
-        "frequency": next((p for p in values if _FREQUENCY.match(names[p])), None),
-        "magnitude": next((p for p in values if _MAGNITUDE.match(names[p])), None),
-        "phase": next((p for p in values if _PHASE.match(names[p])), None),
-        "magnitude_uncertainty": next(
-            (p for p in uncertainties if _MAGNITUDE.search(names[p])), None
-        ),
-        "phase_uncertainty": next((p for p in uncertainties if _PHASE.search(names[p])), None),
+        key: next((p for p in candidates if matches(names[p])), None)
+        for key, candidates, matches in ways
     }
     return {key: position for key, position in positions.items() if position is not None}

@@ -6,14 +6,14 @@ import functools
 import math
 import mmap
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.stated import Statement, meaning_of, scalar, statements
+from vibrident.data.io.stated import Level, Levels, meaning_of, scalar, statements
 from vibrident.data.records import FloatArray
 
 #: Filters that come with the library: deflate, shuffle, Fletcher-32, szip, n-bit, scale-offset;
@@ -40,9 +40,7 @@ class Packing:
             values += self.offset
 
 
-def levels_of(
-    file: Any, array: str, groups: dict[str, Mapping[str, Statement]]
-) -> list[Mapping[str, Statement]]:
+def levels_of(file: Any, array: str, groups: dict[str, Level]) -> Levels:
     """Return the statements about a dataset: its own, its groups' and the file's, nearest first.
 
     A dataset of one number or text, such as "fs" or "unit", is a statement of its group, as MATLAB
@@ -65,27 +63,36 @@ def packing_of(dataset: Any, where: str) -> Packing | None:
 
     InputError: a scale or an offset is no finite number, or the scale is 0.
     """
-    numbers = {"scale_factor": 1.0, "add_offset": 0.0}
-    for name in numbers:
-        if name in dataset.attrs:
-            value = np.asarray(dataset.attrs[name])
-            plain = value.size == 1 and value.dtype.kind in "iuf"
-            numbers[name] = float(value.reshape(-1)[0]) if plain else math.nan
-            if not math.isfinite(numbers[name]) or numbers["scale_factor"] == 0.0:
-                raise InputError(
-                    "A dataset's numbers cannot be scaled as the file says.",
-                    expected=f"{name} to be one finite number, and scale_factor not 0",
-                    found=f"{name} = {dataset.attrs[name]!r}",
-                    where=where,
-                    remedy="correct the attribute, or write the dataset's values unpacked",
-                )
-    missing: list[float] = []
-    for name in ("_FillValue", "missing_value"):
-        value = np.asarray(dataset.attrs.get(name, ()))
-        if value.dtype.kind in "iuf":
-            missing += [float(number) for number in value.reshape(-1) if np.isfinite(number)]
-    packing = Packing(numbers["scale_factor"], numbers["add_offset"], tuple(missing))
+    scale = _packing_number(dataset, "scale_factor", 1.0, where)
+    offset = _packing_number(dataset, "add_offset", 0.0, where)
+    stored = [
+        np.asarray(dataset.attrs.get(name, ())).reshape(-1)
+        for name in ("_FillValue", "missing_value")
+    ]
+    missing = [
+        float(number)
+        for numbers in stored
+        if numbers.dtype.kind in "iuf"
+        for number in numbers[np.isfinite(numbers)]
+    ]
+    packing = Packing(scale, offset, tuple(missing))
     return None if packing == Packing(1.0, 0.0, ()) else packing
+
+
+def _packing_number(dataset: Any, name: str, default: float, where: str) -> float:
+    """Return the number of an attribute, finite and, of a scale, not 0."""
+    value = np.asarray(dataset.attrs.get(name, default))
+    if value.size == 1 and value.dtype.kind in "iuf":
+        number = float(value.reshape(-1)[0])
+        if math.isfinite(number) and (number != 0.0 or name != "scale_factor"):
+            return number
+    raise InputError(
+        "A dataset's numbers cannot be scaled as the file says.",
+        expected=f"{name} to be one finite number, and scale_factor not 0",
+        found=f"{name} = {dataset.attrs[name]!r}",
+        where=where,
+        remedy="correct the attribute, or write the dataset's values unpacked",
+    )
 
 
 def axes_of(file: Any, arrays: Sequence[str]) -> dict[str, str]:
@@ -125,7 +132,7 @@ def text_attribute(dataset: Any, name: str) -> str:
     return value if isinstance(value, str) else str(value)
 
 
-def _statements_of(item: Any) -> Mapping[str, Statement]:
+def _statements_of(item: Any) -> Level:
     """Return the statements among the attributes of a dataset or group."""
     import h5py
 

@@ -31,18 +31,14 @@ from vibrident.data.io.units import (
     quantity_of,
     split_unit,
 )
+from vibrident.data.io.vocabulary import VOCABULARY
 from vibrident.data.records import REFERENCE_UNITS, STANDARD_GRAVITY
 
 _SAME_FACTOR = 1e-3  # relative; a scale this close to a conversion is that conversion (9.81 for g)
 #: A unit behind an underscore or a blank, of times only: "_m" or "_a" are ambiguous.
 _SUFFIX = re.compile(r"^.*\w[_.\s-]+([^\W\d_]+)$")
 _RUN_ON = re.compile(r"^(?:t|time|timestamp|zeit|elapsed)(ms|us|ns|µs|μs)$", re.IGNORECASE)
-_TIME_NAMES = frozenset(
-    {"t", "time", "times", "timestamp", "zeit", "seconds", "second", "sec", "elapsed",
-     "elapsed time", "relative time", "时间", "時間", "时刻", "время", "temps",
-     "tiempo", "tempo", "x_value", "timestamps",
-     "uhrzeit", "zeitstempel", "datetime", "date/time", "date time", "seconds_elapsed"}
-)  # fmt: skip
+_TIME_NAMES = frozenset(VOCABULARY["times"])
 
 
 @dataclass(frozen=True)
@@ -53,13 +49,13 @@ class ChannelConversion:
     unit: str  # that the file states; "" for none
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SourceColumn:
     """A column of a file that a key, or a section, of the calibration file asks for."""
 
     source: ColumnFile
     position: int
-    key: str
+    key: str = ""
 
     @property
     def asked_for_by(self) -> str:
@@ -67,9 +63,47 @@ class SourceColumn:
         return self.key
 
     @property
+    def last_name(self) -> str:
+        """Return the name without the path in front of it."""
+        name = self.source.names[self.position]
+        return name.rsplit("/", 1)[-1] if self.source.names_are_paths else name
+
+    @property
     def header(self) -> str:
-        """Return name and unit of the column, as the file has them."""
-        return header(self.source, self.position)
+        """Return the name, with the unit that the file states beside it."""
+        unit = self.source.stated_unit(self.position)
+        return f"{self.last_name} ({unit})" if unit else self.last_name
+
+    @property
+    def file_unit(self) -> tuple[str, bool]:
+        """Return the unit that the file states, and whether it stands in a field for units.
+
+        A unit in a name is a guess: only known ones count. "" for none.
+        """
+        unit = self.source.stated_unit(self.position)
+        if unit and not is_no_unit(unit):
+            return unit, True
+        unit = unit_in_name(self.header)
+        return (unit if parse_unit(unit) is not None else "", False)
+
+    @property
+    def seconds(self) -> float | None:
+        """Return the seconds in a unit of a column of times; None if no unit is stated.
+
+        Raises:
+            InputError: the unit is not one of time.
+        """
+        if self.source.in_seconds(self.position):
+            return 1.0
+        unit = _unit_of_time(self.header)
+        parsed = parse_unit(unit)
+        if parsed is not None and parsed.dimension == (("s", 1),):
+            return parsed.factor
+        if is_row_counter(unit) or (parsed is not None and parsed.dimension):
+            remedy = "give rate_hz instead of time_column"
+            expected = "a column in seconds, or in a multiple of it"
+            raise self.refused(expected, unit, remedy)
+        return None
 
     def refused(self, expected: str, value: str, remedy: str, key: str = "") -> InputError:
         """Return the error of a header that says otherwise than the calibration file.
@@ -88,41 +122,6 @@ class SourceColumn:
 def unit_in_name(name: str) -> str:
     """Return the unit at the end of a column's name, as written; "" if none."""
     return split_unit(short_name(name))[1]
-
-
-def header(source: ColumnFile, position: int) -> str:
-    """Return a column's name, with the unit that the file states beside it."""
-    unit = source.stated_unit(position)
-    name = last_name(source, position)
-    return f"{name} ({unit})" if unit else name
-
-
-def last_name(source: ColumnFile, position: int) -> str:
-    """Return a column's name without the path in front of it."""
-    name = source.names[position]
-    return name.rsplit("/", 1)[-1] if source.names_are_paths else name
-
-
-def seconds_per_unit(source: ColumnFile, position: int) -> float | None:
-    """Return the seconds in a unit of a time column; None if no unit is stated.
-
-    Raises:
-        InputError: the unit is not one of time.
-    """
-    if source.in_seconds(position):
-        return 1.0
-    name = header(source, position)
-    unit = _unit_of_time(name)
-    parsed = parse_unit(unit)
-    if parsed is not None and parsed.dimension == (("s", 1),):
-        return parsed.factor
-    if is_row_counter(unit) or (parsed is not None and parsed.dimension):
-        raise SourceColumn(source, position, "time_column").refused(
-            "a column in seconds, or in a multiple of it",
-            unit,
-            "give rate_hz instead of time_column",
-        )
-    return None
 
 
 def states_a_time_unit(name: str) -> bool:
@@ -168,18 +167,6 @@ def short_name(name: str) -> str:
     return name.strip().translate(PLAIN_BRACKETS)
 
 
-def file_unit(source: ColumnFile, position: int) -> tuple[str, bool]:
-    """Return the unit that a file states of a column, and whether it stands in a field for units.
-
-    A unit in a name is a guess: only known ones count. "" for none.
-    """
-    header_unit = source.stated_unit(position)
-    if header_unit and not is_no_unit(header_unit):
-        return header_unit, True
-    unit = unit_in_name(header(source, position))
-    return (unit if parse_unit(unit) is not None else "", False)
-
-
 def reference_unit(section: ReferenceSection, first_unit: str) -> str:
     """Return the unit of the reference after conversion: SI, or the drive's own.
 
@@ -193,17 +180,16 @@ def reference_unit(section: ReferenceSection, first_unit: str) -> str:
 
 
 def reference_conversion(
-    source: ColumnFile, position: int, section: ReferenceSection, unit: str
+    column: SourceColumn, section: ReferenceSection, unit: str
 ) -> ChannelConversion:
     """Return the factor to the reference's ``unit``; InputError where the file contradicts it.
 
     ``[reference] unit`` may name the SI unit, which confirms it, or the unit in the file.
     """
-    column = SourceColumn(source, position, "[reference]")
-    header_unit, sure = file_unit(source, position)
+    header_unit, sure = column.file_unit
     if section.quantity == "drive":
         return _convert(column, header_unit, unit, section)
-    declared = _declared_unit(section, header_unit, source)
+    declared = _declared_unit(section, header_unit, column.source)
     text = declared or header_unit
     parsed = parse_unit(text)
     if not text:
@@ -211,7 +197,7 @@ def reference_conversion(
     quantity_unit = QUANTITY_UNITS[section.quantity]
     if parsed is not None and parsed.dimension == quantity_unit.dimension:
         if declared:
-            return ChannelConversion(declared_factor(section, source), text)
+            return ChannelConversion(declared_factor(section, column.source), text)
         _refuse_second_conversion(column, section, parsed.factor, text)
         return ChannelConversion(parsed.factor, text)
     quantity = quantity_of(text)
@@ -278,7 +264,7 @@ def _refuse_second_conversion(
         raise column.refused("values in g", text, remedy, "scale")
 
 
-def response_unit(source: ColumnFile, position: int, section: ResponseSection) -> str:
+def response_unit(column: SourceColumn, section: ResponseSection) -> str:
     """Return the unit of the response: as stated, else of the file, volts for multiples of V.
 
     Raises:
@@ -286,7 +272,7 @@ def response_unit(source: ColumnFile, position: int, section: ResponseSection) -
     """
     if "unit" in section.model_fields_set:
         return section.unit
-    text, sure = file_unit(source, position)
+    text, sure = column.file_unit
     parsed = parse_unit(text)
     scaled = abs(section.scale) != 1.0
     if parsed is None:
@@ -301,8 +287,8 @@ def response_unit(source: ColumnFile, position: int, section: ResponseSection) -
     raise InputError(
         "The unit of the response is not stated.",
         expected="unit beside scale, as the file's is not V",
-        found=f"{header(source, position)!r}, which names {text!r}, with scale = {section.scale!r}",
-        where=f"{source.file}, asked for by [response] scale",
+        found=f"{column.header!r}, which names {text!r}, with scale = {section.scale!r}",
+        where=f"{column.source.file}, asked for by [response] scale",
         remedy=f'state [response] unit: "V" if scale leads to volts, "{text}" if it is a gain',
     )
 
@@ -312,11 +298,10 @@ def _is_time_like(unit: Unit) -> bool:
 
 
 def response_conversion(
-    source: ColumnFile, position: int, section: ResponseSection, unit: str
+    column: SourceColumn, section: ResponseSection, unit: str
 ) -> ChannelConversion:
     """Return the factor to the response's ``unit``; InputError where the file contradicts it."""
-    column = SourceColumn(source, position, "[response]")
-    return _convert(column, file_unit(source, position)[0], unit, section)
+    return _convert(column, column.file_unit[0], unit, section)
 
 
 def _convert(

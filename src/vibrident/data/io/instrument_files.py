@@ -16,7 +16,14 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import library
-from vibrident.data.known import DigitalFilter, KnownResponse, RationalResponse, Shape, Tabulated
+from vibrident.data.known import (
+    DigitalFilter,
+    KnownResponse,
+    RationalResponse,
+    Shape,
+    Tabulated,
+    flat_gain,
+)
 from vibrident.data.records import FloatArray
 
 _ZEROS_AND_POLES = re.compile(r"^\s*(ZEROS|POLES|CONSTANT)\s+(\S+)", re.IGNORECASE)
@@ -110,16 +117,13 @@ def _read_sacpz(text: str, path: Path) -> tuple[KnownResponse, str]:
 def _one_response(inventory: Any, channel: str | None, moment: Any, path: Path) -> Any:
     """Return the only response that the file has for a channel and a time."""
     responses = []
-    for network in inventory:
-        for station in network:
-            for each in station:
-                code = f"{network.code}.{station.code}.{each.location_code}.{each.code}"
-                fits = channel is None or channel in (code, each.code)
-                begins = moment is None or each.start_date is None or each.start_date <= moment
-                goes_on = moment is None or each.end_date is None or moment <= each.end_date
-                if fits and begins and goes_on and each.response is not None:
-                    epoch = "" if each.start_date is None else f" from {each.start_date.date}"
-                    responses.append((f"{code}{epoch}", each.response))
+    channels = [(net, station, each) for net in inventory for station in net for each in station]
+    for network, station, each in channels:
+        code = f"{network.code}.{station.code}.{each.location_code}.{each.code}"
+        is_asked_for = channel in (None, code, each.code) and each.is_active(moment)
+        if is_asked_for and each.response is not None:
+            epoch = "" if each.start_date is None else f" from {each.start_date.date}"
+            responses.append((f"{code}{epoch}", each.response))
     if len(responses) != 1:
         remedy = "name one by channel, and its epoch by time"
         names = ", ".join(name for name, _ in responses[:8]) or "none"
@@ -134,7 +138,7 @@ def _known_response(response: Any, path: Path) -> tuple[KnownResponse, str]:
     if not stages and sensitivity is None:
         raise _refused(path, "stages, or a sensitivity", "neither")
     shapes: list[Shape] = [shape for stage in stages for shape in _shapes(stage, path)]
-    shapes = shapes or [_gain(sensitivity.value)]
+    shapes = shapes or [flat_gain(sensitivity.value)]
     first, last = (stages[0], stages[-1]) if stages else (sensitivity, sensitivity)
     unit = f"{_plain(last.output_units)}/({_plain(first.input_units)})"
     return KnownResponse(tuple(shapes), band_hz=(0.0, min(s.top_hz for s in shapes))), unit
@@ -145,10 +149,10 @@ def _shapes(stage: Any, path: Path) -> list[Shape]:
     gain = 1.0 if stage.stage_gain is None else float(stage.stage_gain)
     shape = _filter(stage, path)
     if shape is None:
-        return [_gain(gain)]
+        return [flat_gain(gain)]
     at = stage.stage_gain_frequency
     size = 0.0 if at is None else float(np.abs(shape.at(np.array(float(at)))))
-    return [shape, _gain(gain / size if size > 0.0 and math.isfinite(size) else gain)]
+    return [shape, flat_gain(gain / size if size > 0.0 and math.isfinite(size) else gain)]
 
 
 def _filter(stage: Any, path: Path) -> Shape | None:
@@ -207,11 +211,6 @@ def _poles(stage: Any, rate_hz: Any) -> Shape:
         poles = turn * poles
         zeros = turn * zeros
     return RationalResponse(poles.astype(complex), zeros.astype(complex), factor)
-
-
-def _gain(value: Any) -> RationalResponse:
-    none = np.zeros(0, dtype=complex)
-    return RationalResponse(none, none, float(value))
 
 
 def _plain(unit: str | None) -> str:

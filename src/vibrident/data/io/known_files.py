@@ -21,7 +21,7 @@ from vibrident.data.io.known_section import KnownResponseEntry
 from vibrident.data.io.reader import sha256
 from vibrident.data.io.table_file import read_table
 from vibrident.data.io.units import QUANTITY_UNITS, factor_between, parse_unit, quantity_of
-from vibrident.data.known import KnownResponse, RationalResponse
+from vibrident.data.known import KnownResponse, RationalResponse, flat_gain
 from vibrident.data.known.unsure import flat_effects
 from vibrident.data.records import MOTIONS, REFERENCE_UNITS, is_motion
 
@@ -57,8 +57,8 @@ def known_channel(
         default_unit = f"{unit}/({target})" if name == "reference" and quantity != "drive" else "1"
         response, response_unit = _read_response(entry, unit, default_unit, folder, location)
         factor, unit = _factor_and_input_unit(unit, response_unit, location)
-        response = replace(response, channel_unit=channel_unit)
-        response = _scale(response, factor)
+        shapes = response.shapes if factor == 1.0 else (*response.shapes, flat_gain(factor))
+        response = replace(response, channel_unit=channel_unit, shapes=shapes)
         chain = response if chain is None else chain.times(response)
     assert chain is not None
     if name == "reference" and quantity != "drive":
@@ -201,13 +201,6 @@ def _factor_and_input_unit(unit: str, response_unit: str, where: str) -> tuple[f
     return factor, denominator
 
 
-def _scale(response: KnownResponse, factor: float) -> KnownResponse:
-    if factor == 1.0:
-        return response
-    none = np.zeros(0, dtype=complex)
-    return replace(response, shapes=(*response.shapes, RationalResponse(none, none, factor)))
-
-
 def _convert_to_motion(
     response: KnownResponse, unit: str, quantity: str, where: str
 ) -> KnownResponse:
@@ -226,10 +219,8 @@ def _convert_to_motion(
         steps = MOTIONS.index(stated_quantity) - MOTIONS.index(quantity)  # K per x = K per v · s
     parsed = parse_unit(unit)
     assert parsed is not None
-    origin = np.zeros(abs(steps), dtype=complex)
-    none = np.zeros(0, dtype=complex)
-    poles, zeros = (origin, none) if steps > 0 else (none, origin)
     if steps == 0 and math.isclose(parsed.factor, 1.0):
         return response
+    poles, zeros = (np.zeros(max(count, 0), dtype=complex) for count in (steps, -steps))
     shape = RationalResponse(poles, zeros, 1.0 / parsed.factor)
     return replace(response, shapes=(*response.shapes, shape))

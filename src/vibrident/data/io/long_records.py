@@ -249,8 +249,8 @@ def spans_in_files(path: str) -> list[tuple[int, int]] | None:
 
 def _span_in_file(request: RecordRequest, document: CalibrationFile, folder: Path) -> slice | None:
     """Return the samples of a record in its file; None where that is to be read whole."""
-    main, channels = open_channels(request, document, folder)
-    reader = clock_reader(request, document, main)
+    channels = open_channels(request, document, folder)
+    reader = clock_reader(request, document, channels[0].source)
     lengths: set[int] = set()
     starts: set[StartTime | None] = set()
     for channel in channels:

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -53,24 +54,18 @@ class UnsupportedVariable:
 
 
 @dataclass(frozen=True)
-class _ArrayHeader:
-    """Header of an array, in front of its contents."""
-
-    name: str
-    array_class: int
-    shape: tuple[int, ...]
-    is_complex: bool
-    end: int  # offset of the contents
-
-
-@dataclass(frozen=True)
 class Numbers:
-    """Numeric array, not yet converted."""
+    """Numeric array, not yet converted.
+
+    Attributes:
+        shape: of the array.
+        is_complex: whether the imaginary parts follow the real ones.
+        contents: reads the bytes of the numbers.
+    """
 
     shape: tuple[int, ...]
     is_complex: bool
-    element: Element
-    offset: int  # of the real parts in the element
+    contents: Callable[[], _VariableElements]
 
     def array(self) -> Any:
         """Return the array as it is stored.
@@ -78,47 +73,101 @@ class Numbers:
         Raises:
             ValueError: it is cut short.
         """
-        components = []
-        offset = self.offset
-        for _ in range(2 if self.is_complex else 1):
-            numbers, offset = self.element.numbers(offset)
-            if numbers.size != math.prod(self.shape):
-                raise ValueError(f"{numbers.size} numbers in an array of shape {self.shape}")
-            components.append(numbers.reshape(self.shape, order="F"))
-        return components[0] + 1j * components[1] if self.is_complex else components[0]
+        elements = self.contents()
+        components = [elements.numbers() for _ in range(1 + self.is_complex)]
+        if any(numbers.size != math.prod(self.shape) for numbers in components):
+            sizes = [numbers.size for numbers in components]
+            raise ValueError(f"{sizes} numbers in an array of shape {self.shape}")
+        real, *imag = (numbers.reshape(self.shape, order="F") for numbers in components)
+        return real + 1j * imag[0] if imag else real
 
 
 @dataclass(frozen=True)
-class Element:
-    """Bytes of a variable, or their beginning."""
+class _ArrayHeader:
+    """Header of an array, in front of its contents."""
 
-    data: bytes
+    name: str
+    array_class: int
+    shape: tuple[int, ...]
+    is_complex: bool
+
+
+@dataclass
+class _VariableElements:
+    """Elements of a variable, or of its beginning, which are taken one after the other.
+
+    ValueError and KeyError where an element is not of the kind that is taken, or is cut short.
+    """
+
+    data: bytes | memoryview
     byte_order: str  # "<" or ">"
+    offset: int = 0
 
-    def tag(self, offset: int) -> tuple[int, int, int, int]:
-        """Return type, begin and end of the element at an offset, and the offset of the next."""
-        kind, size = map(int, np.frombuffer(self.data, f"{self.byte_order}u4", 2, offset))
+    def take(self) -> tuple[int, memoryview]:
+        """Return type and content of the next element."""
+        kind, size = map(int, np.frombuffer(self.data, f"{self.byte_order}u4", 2, self.offset))
+        begin = self.offset + 8
+        self.offset = begin + -(-size // 8) * 8
         if kind >> 16:  # up to four bytes, within the tag
-            return kind & 0xFFFF, offset + 4, offset + 4 + (kind >> 16), offset + 8
-        begin = offset + 8
-        return kind, begin, begin + size, begin + -(-size // 8) * 8
+            self.offset = begin
+            begin -= 4
+            size = kind >> 16
+        return kind & 0xFFFF, memoryview(self.data)[begin : begin + size]
 
-    def numbers(self, offset: int) -> tuple[Any, int]:
-        """Return the numbers of the element at an offset, and the offset of the next.
+    def numbers(self) -> Any:
+        """Return the numbers of the next element."""
+        kind, content = self.take()
+        return np.frombuffer(content, f"{self.byte_order}{_TYPES[kind]}")
 
-        Raises:
-            ValueError, KeyError: it holds no numbers, or is cut short.
-        """
-        kind, begin, end, following = self.tag(offset)
-        dtype = np.dtype(f"{self.byte_order}{_TYPES[kind]}")
-        return np.frombuffer(self.data, dtype, (end - begin) // dtype.itemsize, begin), following
-
-    def text(self, offset: int) -> tuple[str, int]:
-        """Return the text of the element at an offset, and the offset of the next."""
-        kind, begin, end, following = self.tag(offset)
+    def text(self) -> str:
+        """Return the text of the next element."""
+        kind, content = self.take()
         if kind in _WIDE_TEXT:
-            return "".join(map(chr, self.numbers(offset)[0])), following
-        return self.data[begin:end].decode("utf-8", "replace"), following
+            return "".join(map(chr, np.frombuffer(content, f"{self.byte_order}{_TYPES[kind]}")))
+        return bytes(content).decode("utf-8", "replace")
+
+    def header(self) -> _ArrayHeader:
+        """Return the header of the next array."""
+        flags = self.numbers()
+        array_class = int(flags[0]) & 0xFF
+        shape: tuple[int, ...] = ()
+        if array_class not in _WITHOUT_SHAPE:
+            shape = tuple(map(int, self.numbers()))
+        if len(shape) > _MAX_AXES or min(shape, default=0) < 0:
+            raise ValueError(f"an array of shape {shape}")
+        return _ArrayHeader(self.text(), array_class, shape, bool(flags[0] & _IS_COMPLEX))
+
+    def array(self, depth: int = 0) -> Any:
+        """Return the value of the next array."""
+        if depth > _MAX_DEPTH:
+            raise ValueError(f"structures within structures, more than {_MAX_DEPTH}")
+        header = self.header()
+        count = math.prod(header.shape)
+        if header.array_class in _NUMERIC:
+            return Numbers(header.shape, header.is_complex, partial(replace, self))
+        if header.array_class == _CHAR and min(header.shape, default=0) == 1:
+            return self.text()
+        if header.array_class == _STRUCT and count == 1:
+            (length,) = self.numbers()
+            text = self.text()
+            padded = [text[begin : begin + length] for begin in range(0, len(text), int(length))]
+            fields = [name.partition("\0")[0] for name in padded]
+            return dict(zip(fields, self._arrays(len(fields), depth), strict=True))
+        if header.array_class == _CELL and 0 < count <= _MAX_ITEMS:
+            cells = list(self._arrays(count, depth))
+            is_text = all(isinstance(cell, str) for cell in cells)
+            return cells if is_text else UnsupportedVariable("cell")
+        unsupported = _CLASS_NAMES.get(header.array_class, f"class {header.array_class}")
+        return UnsupportedVariable(unsupported)
+
+    def _arrays(self, count: int, depth: int) -> Iterator[Any]:
+        """Yield the values of arrays, each of which is an element."""
+        for _ in range(count):
+            _, content = self.take()
+            if content:
+                yield _VariableElements(content, self.byte_order).array(depth + 1)
+            else:
+                yield UnsupportedVariable("empty array")
 
 
 def read_variables(path: Path) -> dict[str, Any]:
@@ -132,53 +181,6 @@ def read_variables(path: Path) -> dict[str, Any]:
         InputError: a variable unpacks to more bytes than the file may take.
     """
     by_name: dict[str, Any] = {}
-    for element, begin, size in _elements(path):
-        header = _read_header(element, 0)
-        if header.array_class in _NUMERIC and math.prod(header.shape) != 1:
-            value: Any = Numbers(header.shape, header.is_complex, element, header.end)
-        else:
-            value = _read_array(_read_element(path, element.byte_order, begin, size), 0)
-        by_name[header.name] = value
-    return by_name
-
-
-def read_numbers(path: Path, names: list[str]) -> Any:
-    """Return the array at a path of names through the structures of a file.
-
-    Raises:
-        ValueError: there is no such variable.
-        InputError: it unpacks to more bytes than the file may take.
-    """
-    for element, begin, size in _elements(path):
-        if _read_header(element, 0).name == names[0]:
-            value = _read_array(_read_element(path, element.byte_order, begin, size), 0)
-            for name in names[1:]:
-                value = value[name]
-            return value.array()
-    raise ValueError(f"no variable {names[0]!r}")
-
-
-def _read_element(path: Path, byte_order: str, begin: int, size: int) -> Element:
-    """Return the whole element of ``size`` bytes at an offset of the file."""
-    limit = memory_for(path.stat().st_size)
-    with path.open("rb") as stream:
-        stream.seek(begin)
-        kind = int(np.frombuffer(stream.read(8), f"{byte_order}u4", 1)[0])
-        data = stream.read(size)
-    if kind != _COMPRESSED:
-        return Element(data, byte_order)
-    unpacker = zlib.decompressobj()
-    unpacked = bytearray()
-    while data and not unpacker.eof:
-        unpacked += unpacker.decompress(data, _BLOCK_BYTES)
-        data = unpacker.unconsumed_tail
-        if len(unpacked) > limit:
-            require_room(path, len(unpacked))
-    return Element(bytes(unpacked[8:]), byte_order)
-
-
-def _elements(path: Path) -> Iterator[tuple[Element, int, int]]:
-    """Yield the beginning of each variable, its offset in the file, and its size in bytes."""
     with path.open("rb") as stream:
         byte_order = "<" if stream.read(_FILE_HEADER_BYTES).endswith(b"IM") else ">"
         begin = _FILE_HEADER_BYTES
@@ -187,56 +189,39 @@ def _elements(path: Path) -> Iterator[tuple[Element, int, int]]:
             data = stream.read(min(size, _MAX_HEADER_BYTES))
             if kind == _COMPRESSED:
                 data = zlib.decompressobj().decompress(data, _MAX_HEADER_BYTES)[8:]
-            yield Element(data, byte_order), begin, size
+            header = _VariableElements(data, byte_order).header()
+            variable = partial(_read_variable, path, byte_order, begin, size)
+            if header.array_class in _NUMERIC and math.prod(header.shape) != 1:
+                contents = partial(_contents, variable)
+                by_name[header.name] = Numbers(header.shape, header.is_complex, contents)
+            else:
+                by_name[header.name] = variable().array()
             begin += 8 + size
             stream.seek(begin)
+    return by_name
 
 
-def _read_header(element: Element, offset: int) -> _ArrayHeader:
-    """Return the header of the array at an offset of an element."""
-    flags, offset = element.numbers(offset)
-    array_class = int(flags[0]) & 0xFF
-    shape: tuple[int, ...] = ()
-    if array_class not in _WITHOUT_SHAPE:
-        lengths, offset = element.numbers(offset)
-        shape = tuple(map(int, lengths))
-    if len(shape) > _MAX_AXES or min(shape, default=0) < 0:
-        raise ValueError(f"an array of shape {shape}")
-    name, offset = element.text(offset)
-    return _ArrayHeader(name, array_class, shape, bool(flags[0] & _IS_COMPLEX), offset)
+def _contents(variable: Callable[[], _VariableElements]) -> _VariableElements:
+    """Return the elements of a variable behind its header."""
+    elements = variable()
+    elements.header()
+    return elements
 
 
-def _read_array(element: Element, offset: int, depth: int = 0) -> Any:
-    """Return the value of the array at an offset of an element."""
-    if depth > _MAX_DEPTH:
-        raise ValueError(f"structures within structures, more than {_MAX_DEPTH}")
-    header = _read_header(element, offset)
-    offset = header.end
-    count = math.prod(header.shape)
-    if header.array_class in _NUMERIC:
-        return Numbers(header.shape, header.is_complex, element, offset)
-    if header.array_class == _CHAR and min(header.shape, default=0) == 1:
-        return element.text(offset)[0]
-    if header.array_class == _STRUCT and count == 1:
-        (length,), offset = element.numbers(offset)
-        text, offset = element.text(offset)
-        padded = [text[begin : begin + length] for begin in range(0, len(text), int(length))]
-        fields = [name.partition("\0")[0] for name in padded]
-        return dict(zip(fields, _read_arrays(element, offset, len(fields), depth), strict=True))
-    if header.array_class == _CELL and 0 < count <= _MAX_ITEMS:
-        cells = list(_read_arrays(element, offset, count, depth))
-        if all(isinstance(cell, str) for cell in cells):
-            return cells
-        return UnsupportedVariable("cell")
-    unsupported = _CLASS_NAMES.get(header.array_class, f"class {header.array_class}")
-    return UnsupportedVariable(unsupported)
-
-
-def _read_arrays(element: Element, offset: int, count: int, depth: int) -> Iterator[Any]:
-    """Yield the values of arrays that follow each other."""
-    for _ in range(count):
-        _, begin, end, offset = element.tag(offset)
-        if end > begin:
-            yield _read_array(element, begin, depth + 1)
-        else:
-            yield UnsupportedVariable("empty array")
+def _read_variable(path: Path, byte_order: str, begin: int, size: int) -> _VariableElements:
+    """Return the elements of a variable of ``size`` bytes at an offset of the file."""
+    limit = memory_for(path.stat().st_size)
+    with path.open("rb") as stream:
+        stream.seek(begin)
+        kind = int(np.frombuffer(stream.read(8), f"{byte_order}u4", 1)[0])
+        data = stream.read(size)
+    if kind != _COMPRESSED:
+        return _VariableElements(data, byte_order)
+    unpacker = zlib.decompressobj()
+    unpacked = bytearray()
+    while data and not unpacker.eof:
+        unpacked += unpacker.decompress(data, _BLOCK_BYTES)
+        data = unpacker.unconsumed_tail
+        if len(unpacked) > limit:
+            require_room(path, len(unpacked))
+    return _VariableElements(bytes(unpacked[8:]), byte_order)

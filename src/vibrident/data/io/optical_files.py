@@ -32,8 +32,8 @@ from vibrident.data.interferometer.survey import Survey, survey
 from vibrident.data.io.alignment import REPAIR
 from vibrident.data.io.calibration_file import CalibrationFile
 from vibrident.data.io.clocks import ChannelClock, ClockReader, require_even
-from vibrident.data.io.columns import ColumnFile
-from vibrident.data.io.header_units import response_conversion
+from vibrident.data.io.columns import ColumnFile, Positions
+from vibrident.data.io.header_units import SourceColumn, response_conversion
 from vibrident.data.io.optical_effects import cyclic_errors, remaining_covariances, stated_effects
 from vibrident.data.io.optical_motion import (
     clock_findings,
@@ -266,7 +266,8 @@ def _open(
     response_section = calibration.response
     unit = response_section.unit
     scale = response_section.scale
-    conversion = response_conversion(main, position, response_section, unit)
+    channel = SourceColumn(main, position, "[response]")
+    conversion = response_conversion(channel, response_section, unit)
     return _OpticalRecord(
         request,
         name,
@@ -310,7 +311,7 @@ def _optical_rate(
     section: InterferometerSection,
     calibration: CalibrationFile,
     optical_file: ColumnFile,
-    positions: Sequence[int],
+    positions: Positions,
     response: ChannelClock,
     request: RecordRequest,
 ) -> float:

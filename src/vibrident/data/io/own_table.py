@@ -12,8 +12,8 @@ from vibrident.data.io.alignment import ClockedChannel, align
 from vibrident.data.io.calibration_file import ResponseSection
 from vibrident.data.io.clocks import ClockReader
 from vibrident.data.io.columns import library
-from vibrident.data.io.csv_layout import detect_layout, open_text
-from vibrident.data.io.header_units import response_conversion
+from vibrident.data.io.csv_layout import open_text
+from vibrident.data.io.header_units import SourceColumn, response_conversion
 from vibrident.data.io.plain_text import BLANKS
 from vibrident.data.io.reader import open_columns, sha256
 from vibrident.data.records import FloatArray, Provenance, Record
@@ -39,6 +39,7 @@ def read_signal(
     """
     source = open_columns(path)
     position = source.position_of(_key(column), "⟦correct.column⟧")
+    signal = SourceColumn(source, position, "[response]")
     (values,) = source.load((position,))
     time_column = None if time is None else _key(time)
     reader = ClockReader(None if time is not None else rate_hz, time_column, str(path), source)
@@ -51,10 +52,8 @@ def read_signal(
             where=str(path),
             remedy="give one of the two",
         )
-    conversion = response_conversion(
-        source, position, ResponseSection(scale=scale, unit=unit), unit
-    )
-    aligned = align(ClockedChannel(source, position, values, clock), None, None, None, str(path))
+    conversion = response_conversion(signal, ResponseSection(scale=scale, unit=unit), unit)
+    aligned = align(ClockedChannel(signal, values, clock), None, None, None, str(path))
     if aligned.response.size != values.size or aligned.valid is not None:
         raise InputError(
             "The rows of the table are not even in time.",
@@ -132,8 +131,7 @@ def _excel(path: Path, target: Path, columns: Mapping[str, FloatArray]) -> None:
 
 
 def _text(path: Path, target: Path, columns: Mapping[str, FloatArray]) -> None:
-    text = open_text(path, str(path))
-    layout = detect_layout(text, str(path))
+    text, layout = open_text(path)
     gap = " " if layout.delimiter == BLANKS else layout.delimiter
     lines = text.read().decode(layout.encoding).splitlines()
     head = lines[: layout.first_line - 1]

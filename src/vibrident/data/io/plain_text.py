@@ -13,6 +13,8 @@ import re
 from pathlib import Path
 from typing import BinaryIO
 
+from vibrident.data.io.vocabulary import VOCABULARY
+
 #: Stands for one or more blanks or tabs as the delimiter.
 BLANKS = " "
 TAIL_BYTES = 1 << 14  # at the end of a file, in which its last row is sought
@@ -21,23 +23,7 @@ _SEPARATORS = b',;\t "\r'
 _WIDE_SHARE = 0.75  # of the bytes at odd or at even places that are zero in UTF-16 of numbers
 _BLOCK_BYTES = 1 << 20
 #: What instruments write for a value beyond their range, in lower case.
-OVERFLOWS = (
-    *(
-        "ovld",
-        "ovl",
-        "ol",
-        "o.l",
-        "o.l.",
-        "overload",
-        "over load",
-        "overflow",
-        "over",
-        "over range",
-    ),
-    *("overrange", "over-range", "overscale", "underflow", "under range", "underrange", "under"),
-    *("burn out", "burnout", "burn-out", "clip", "clipped", "1.#ind", "1.#qnan", "#div/0!", "#nv"),
-    *("#n/v", "#value!", "#num!", "invalid", "---", "--"),
-)
+OVERFLOWS: tuple[str, ...] = tuple(VOCABULARY["overflows"])
 _REPEATED = r"\+{3,}|-{3,}|\*{3,}|#{3,}"
 _WORD_LIKE = re.compile(r"[A-Za-z#*][A-Za-z#*./ ]|[+-]{2}")
 _PLAIN = b'0123456789.,;+-eE" \t\r\n'
@@ -102,14 +88,8 @@ class PlainText:
         self._is_odd = True
 
     def _decoded(self) -> bytes:
-        with self._path.open("rb") as stream:
-            if not self.wide:
-                return stream.read()
-            decoder = codecs.getincrementaldecoder(self.wide)(errors="replace")
-            blocks: list[bytes] = []
-            while block := stream.read(_BLOCK_BYTES):
-                blocks.append(decoder.decode(block).encode())
-            return b"".join([*blocks, decoder.decode(b"", final=True).encode()])
+        content = self._path.read_bytes()
+        return content.decode(self.wide, errors="replace").encode() if self.wide else content
 
 
 def respelled(text: str, delimiter: str) -> str:

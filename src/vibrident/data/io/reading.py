@@ -11,7 +11,7 @@ from vibrident.base.errors import InputError
 from vibrident.base.process import Limits
 from vibrident.data.io.calibration_file import CalibrationFile, read_calibration_file
 from vibrident.data.io.columns import memory_for
-from vibrident.data.io.header_units import file_unit, reference_unit, response_unit
+from vibrident.data.io.header_units import SourceColumn, reference_unit, response_unit
 from vibrident.data.io.known_files import as_channels, known_channel, known_files
 from vibrident.data.io.mounting_section import mounting_of
 from vibrident.data.io.reader import by_ending, open_columns
@@ -180,7 +180,7 @@ def _first_unit(document: CalibrationFile, request: RecordRequest, folder: Path)
     if document.reference.quantity != "drive" or column is None or entry.excitation == "decay":
         return ""
     source = open_columns(folder / (entry.reference_file or request.file))
-    return file_unit(source, source.position_of(column, "[reference] column"))[0]
+    return SourceColumn(source, source.position_of(column, "[reference] column")).file_unit[0]
 
 
 def _with_response_unit(document: CalibrationFile, folder: Path, where: str) -> CalibrationFile:
@@ -194,7 +194,7 @@ def _with_response_unit(document: CalibrationFile, folder: Path, where: str) -> 
     else:
         assert response.column is not None  # checked with the calibration file
         position = source.position_of(response.column, "[response] column")
-        unit = response_unit(source, position, response)
+        unit = response_unit(SourceColumn(source, position), response)
     if unit == response.unit:
         return document
     return document.model_copy(update={"response": response.model_copy(update={"unit": unit})})

@@ -22,9 +22,10 @@ from vibrident.data.io.calibration_file import (
     ResponseSection,
 )
 from vibrident.data.io.clocks import ClockReader
-from vibrident.data.io.columns import ColumnFile
+from vibrident.data.io.columns import ColumnFile, Positions
 from vibrident.data.io.header_units import (
     ChannelConversion,
+    SourceColumn,
     reference_conversion,
     response_conversion,
 )
@@ -214,24 +215,19 @@ def read_record(
             whose parts are read (see :class:`vibrident.data.io.long_records.FileRecords`).
     """
     entry = request.entry
-    response, reference = _load(request, calibration, folder, rows)
-    conversion = response_conversion(
-        response.source, response.position, calibration.response, calibration.response.unit
-    )
-    steps = [
-        _step("response", response, conversion, calibration.response, calibration.response.unit)
-    ]
+    response, *references = _load_channels(request, calibration, folder, rows)
+    reference = references[0] if references else None
+    response_unit = calibration.response.unit
+    conversion = response_conversion(response.column, calibration.response, response_unit)
+    steps = [_step("response", response, conversion, calibration.response, response_unit)]
     to_response = conversion.factor * calibration.response.scale
     to_reference = 1.0
     if reference is not None:
-        conversion = reference_conversion(
-            reference.source, reference.position, calibration.reference, reference_unit
-        )
+        conversion = reference_conversion(reference.column, calibration.reference, reference_unit)
         to_reference = conversion.factor * calibration.reference.scale
         step = _step("reference", reference, conversion, calibration.reference, reference_unit)
         steps += [step, *request.other_file(folder)]
-    assert response.clock is not None
-    _check_frequency(request, response.clock.clock.rate_hz, response.source.file)
+    _check_frequency(request, response.rate_hz, response.column.source.file)
     start_s, stop_s = (entry.start_s, entry.stop_s) if rows is None else (None, None)
     aligned = align(response, reference, start_s, stop_s, request.where)
     begins_s = aligned.start_s
@@ -276,30 +272,42 @@ def _step(
     unit: str,
 ) -> str:
     """Describe the conversion of a column for the history."""
-    column = channel.source.names[channel.position]
+    position = channel.column.position
+    column = channel.column.source.names[position]
     label = f" ({column!r})" if column else ""
     factor = f" in {conversion.unit} × {conversion.factor!r}" if conversion.factor != 1.0 else ""
-    return f"{name}: column {channel.position + 1}{label}{factor} × {section.scale!r} → {unit}"
+    return f"{name}: column {position + 1}{label}{factor} × {section.scale!r} → {unit}"
 
 
-def _load(
+def _load_channels(
     request: RecordRequest, calibration: CalibrationFile, folder: Path, rows: slice | None
-) -> tuple[ClockedChannel, ClockedChannel | None]:
-    """Load the response and, but for a decay, the reference, each with its clock."""
-    main, channels = open_channels(request, calibration, folder)
-    for source in dict.fromkeys(channel.source for channel in channels):  # each file once
-        indices = [n for n, channel in enumerate(channels) if channel.source is source]
-        positions = [channels[n].position for n in indices]
-        columns = source.load(positions) if rows is None else _block(source, positions, rows)
-        for n, values in zip(indices, columns, strict=True):
-            is_twice = any(values is channel.values for channel in channels)
-            first = 0 if rows is None else rows.start
-            values = values.copy() if is_twice else values
-            channels[n] = replace(channels[n], values=values, first=first)
-    return _with_clocks(request, calibration, main, channels)
+) -> list[ClockedChannel]:
+    """Load the response and, but for a decay, the reference, each with its clock.
+
+    A file without a clock has that of the other.
+    """
+    columns = open_channels(request, calibration, folder)
+    loaded: dict[ColumnFile, Iterator[FloatArray]] = {}
+    for source in dict.fromkeys(column.source for column in columns):  # each file once
+        positions = [column.position for column in columns if column.source is source]
+        values = source.load(positions) if rows is None else _block(source, positions, rows)
+        loaded[source] = iter(values)
+    reader = clock_reader(request, calibration, columns[0].source)
+    clocks = []
+    for column in columns:
+        channels = [each.position for each in columns if each.source is column.source]
+        clocks.append(reader.clock_of(column.source, column.position, channels))
+    default_clock = next(filter(None, clocks), None)
+    if default_clock is None:
+        raise missing_rate(request.where)
+    first = 0 if rows is None else rows.start
+    return [
+        ClockedChannel(column, next(loaded[column.source]), clock or default_clock, first)
+        for column, clock in zip(columns, clocks, strict=True)
+    ]
 
 
-def _block(source: ColumnFile, positions: Sequence[int], rows: slice) -> list[FloatArray]:
+def _block(source: ColumnFile, positions: Positions, rows: slice) -> list[FloatArray]:
     """Return some samples of columns, each as an array of its own."""
     block = source.block(positions, rows.start, rows.stop)
     return [np.array(values, dtype=np.float64) for values in block]
@@ -307,46 +315,25 @@ def _block(source: ColumnFile, positions: Sequence[int], rows: slice) -> list[Fl
 
 def open_channels(
     request: RecordRequest, calibration: CalibrationFile, folder: Path
-) -> tuple[ColumnFile, list[ClockedChannel]]:
-    """Return the record's file, and response and reference without values; nothing is loaded.
+) -> list[SourceColumn]:
+    """Return the columns of response and reference, of which nothing is loaded.
 
     A decay has no reference.
     """
     main = open_columns(folder / request.file)
-    columns = [(main, calibration.response.column, "[response] column")]
+    sections: list[tuple[ColumnFile, int | str | None, str]]
+    sections = [(main, calibration.response.column, "[response]")]
     if request.entry.excitation != "decay":
         reference_file = request.entry.reference_file
         source = main if reference_file is None else open_columns(folder / reference_file)
-        columns.append((source, calibration.reference.column, "[reference] column"))
-    channels: list[ClockedChannel] = []
-    for source, column, key in columns:
+        sections.append((source, calibration.reference.column, "[reference]"))
+    columns = []
+    for source, column, section in sections:
         assert column is not None  # checked with the calibration file
-        position = source.position_of(column, key)
-        source.require_over_time(position, key)
-        channels.append(ClockedChannel(source, position, np.empty(0)))
-    return main, channels
-
-
-def _with_clocks(
-    request: RecordRequest,
-    calibration: CalibrationFile,
-    main: ColumnFile,
-    channels: Sequence[ClockedChannel],
-) -> tuple[ClockedChannel, ClockedChannel | None]:
-    """Return response and reference with their clocks; a file without one has the other's."""
-    reader = clock_reader(request, calibration, main)
-    clocks = []
-    for channel in channels:
-        channel_columns = [c.position for c in channels if c.source is channel.source]
-        clocks.append(reader.clock_of(channel.source, channel.position, channel_columns))
-    default_clock = next((clock for clock in clocks if clock is not None), None)
-    if default_clock is None:
-        raise missing_rate(request.where)
-    timed = [
-        replace(channel, clock=default_clock if clock is None else clock)
-        for channel, clock in zip(channels, clocks, strict=True)
-    ]
-    return timed[0], timed[1] if len(timed) > 1 else None
+        position = source.position_of(column, f"{section} column")
+        source.require_over_time(position, f"{section} column")
+        columns.append(SourceColumn(source, position, section))
+    return columns
 
 
 def clock_reader(

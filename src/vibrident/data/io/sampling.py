@@ -1,9 +1,10 @@
-"""Turn seconds into samples, and a rounded interval into its plainest clock."""
+"""Turn seconds into samples, and what is stated of a rate into one clock."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import Clock, StartTime
@@ -43,6 +44,57 @@ def cut(
             remedy="correct start_s and stop_s",
         )
     return slice(first, last)
+
+
+def agreed_clock(
+    statements: Sequence[tuple[str, Clock | None]],
+    where: str,
+    problem: str = "The sampling rate contradicts the file.",
+    remedy: str = "remove or correct rate_hz; of wrong time stamps, remove the column",
+) -> Clock | None:
+    """Return the clock that all statements agree on, each within its own rounding; None if none.
+
+    The rate is that of the first statement unless a later one refines it. The start is that of the
+    last which has one: time stamps say more than a header.
+
+    Args:
+        statements: whose, and the clock or None.
+        where: entry of the calibration file and file, for messages.
+        problem: of two that contradict each other, for messages.
+        remedy: the same.
+
+    Raises:
+        InputError: two statements contradict each other.
+    """
+    agreed: Clock | None = None
+    whose = ""
+    for name, clock in statements:
+        if clock is None:
+            continue
+        if agreed is None:
+            agreed = clock
+            whose = name
+            continue
+        apart = abs(clock.rate_hz / agreed.rate_hz - 1.0)
+        if apart > clock.rate_rounding + agreed.rate_rounding:
+            raise InputError(
+                problem,
+                expected=f"{_rounded_rate(clock.rate_hz)!r} samples per second, as {name} states",
+                found=f"{_rounded_rate(agreed.rate_hz)!r} in {whose}",
+                where=where,
+                remedy=remedy,
+            )
+        start = clock.start or agreed.start
+        if apart > clock.rate_rounding:  # the later one refutes the earlier one's last digits
+            agreed = clock
+            whose = name
+        agreed = replace(agreed, start=start)
+    return agreed
+
+
+def _rounded_rate(rate_hz: float) -> float:
+    """Return a rate without the last digits of a regression."""
+    return float(f"{rate_hz:.12g}")
 
 
 def plainest_clock(interval_s: float, half_unit_s: float, start: StartTime | None = None) -> Clock:

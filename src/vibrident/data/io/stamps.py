@@ -5,17 +5,19 @@ from __future__ import annotations
 import datetime
 import functools
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.base.errors import InputError
+from vibrident.data.io.columns import IntArray, Locate
 from vibrident.data.records import FloatArray
 
 _DAY_NS = 86_400 * 10**9
 _SECOND_NS = 10**9
+_EPOCH = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
 _FRACTION_DIGITS = 9  # of a fraction that count: nanoseconds
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 _FIRST_YEAR = 1678  # first whole year that 64-bit nanoseconds since 1970 can express
@@ -32,7 +34,7 @@ _STAMP = re.compile(
 class Stamps:
     """A column of times of day: nanoseconds since 1970, or since a midnight; shape (rows,)."""
 
-    ns: NDArray[np.int64]
+    ns: IntArray
     is_missing: NDArray[np.bool_]  # shape (rows,)
     dated: bool
 
@@ -56,9 +58,7 @@ def has_fraction(cell: str) -> bool:
     return match is not None and match["fraction"] is not None
 
 
-def parse_stamps(
-    cells: Sequence[str], missing: frozenset[str], locate: Callable[[int], str]
-) -> Stamps:
+def parse_stamps(cells: Sequence[str], missing: frozenset[str], locate: Locate) -> Stamps:
     """Parse a column of times of day; without dates, midnight is passed forwards.
 
     Args:
@@ -76,11 +76,11 @@ def parse_stamps(
     ns = np.zeros(len(cells), dtype=np.int64)
     is_missing = np.array([cell in missing for cell in cells], dtype=bool)
     for row in np.flatnonzero(~is_missing).tolist():
-        match = matches[row]
-        value = None if match is None else _nanoseconds(match, month_first)
-        if value is None:
-            raise _refusal("A cell is not an existing time.", cells[row], locate(row))
-        ns[row] = value
+        try:
+            ns[row] = _nanoseconds(matches[row], month_first)
+        except ValueError:
+            problem = "A cell is not an existing time."
+            raise _refusal(problem, cells[row], locate(row)) from None
     if None in dates and len(dates) > 1:
         row = max(dates[None], min(row for date, row in dates.items() if date))
         raise _refusal("Only some of the times have a date.", cells[row], locate(row))
@@ -101,17 +101,18 @@ def _refusal(problem: str, cell: str, where: str) -> InputError:
     )
 
 
-def _is_month_first(dates: dict[str | None, int], locate: Callable[[int], str]) -> bool:
+def _is_month_first(dates: dict[str | None, int], locate: Locate) -> bool:
     """Tell the order of day and month in dates with slashes, which a number above 12 decides.
 
     ``dates``: as written → first row.
     """
-    slashed = {date: row for date, row in dates.items() if date and date[:3].count("/") == 1}
-    pairs = {date: [int(field) for field in date.split("/")[:2]] for date in slashed}
-    if any(first > 12 for first, _ in pairs.values()):
-        return False
-    if any(second > 12 for _, second in pairs.values()):
-        return True
+    pairs = {
+        date: [int(field) for field in date.split("/")[:2]]
+        for date in dates
+        if date and date[:3].count("/") == 1
+    }
+    if any(max(pair) > 12 for pair in pairs.values()):
+        return not any(first > 12 for first, _ in pairs.values())
     for date, (first, second) in pairs.items():
         if first != second and 0 not in (first, second):
             month_day = f"{first} {_MONTHS[second - 1].title()}"
@@ -119,50 +120,37 @@ def _is_month_first(dates: dict[str | None, int], locate: Callable[[int], str]) 
                 "A date has two readings.",
                 expected="dates such as 2026-11-22, or with a day above 12 in one row",
                 found=f"{date}: {month_day}, or {second} {_MONTHS[first - 1].title()}",
-                where=locate(slashed[date]),
+                where=locate(dates[date]),
                 remedy="export the times with dates as year-month-day, or give rate_hz",
             )
     return False
 
 
 @functools.lru_cache(maxsize=64)
-def _days(date: str, month_first: bool) -> int | None:
-    """Return the days since 1970; None for a day that does not exist or overflows nanoseconds."""
+def _iso_date(date: str, month_first: bool) -> str:
+    """Return a date as ISO 8601 has it; ValueError for one that overflows nanoseconds."""
     fields = re.split("[-/. ]", date.lower())
-    year, month, day = fields if len(fields[0]) == 4 else fields[::-1]
-    if month_first and "/" in date and len(fields[0]) < 4:
-        day_of_month = month
-        month = day
-        day = day_of_month
-    if month in _MONTHS:
-        month = _MONTHS.index(month) + 1
-    try:
-        days = (datetime.date(int(year), int(month), int(day)) - datetime.date(1970, 1, 1)).days
-    except ValueError:
-        return None
-    return days if _FIRST_YEAR <= int(year) <= _LAST_YEAR else None
+    if len(fields[0]) < 4:
+        first, second, year = fields
+        fields = [year, first, second] if month_first and "/" in date else fields[::-1]
+    year, month, day = fields
+    number = _MONTHS.index(month) + 1 if month in _MONTHS else int(month)
+    if not _FIRST_YEAR <= int(year) <= _LAST_YEAR:
+        raise ValueError(date)
+    return f"{year}-{number:02d}-{int(day):02d}"
 
 
-def _nanoseconds(match: re.Match[str], month_first: bool) -> int | None:
-    """Return the nanoseconds since 1970 UTC or midnight; None for a time that does not exist."""
+def _nanoseconds(match: re.Match[str] | None, month_first: bool) -> int:
+    """Return the nanoseconds since 1970 UTC or midnight; ValueError for no existing time."""
+    if match is None:
+        raise ValueError("no time")
     hour = int(match["hour"])
-    minute = int(match["minute"])
-    second = int(match["second"])
     if match["half"]:
         if not 1 <= hour <= 12:
-            return None
+            raise ValueError(match[0])
         hour = hour % 12 + (12 if match["half"] in "Pp" else 0)
-    days = _days(match["date"], month_first) if match["date"] else 0
-    if days is None or hour > 23 or minute > 59 or second > 59:
-        return None
+    date = _iso_date(match["date"] or "1970-01-01", month_first)
+    time = f"{hour:02d}:{match['minute']}:{match['second']}{match['zone'] or '+00'}"
+    since = datetime.datetime.fromisoformat(f"{date}T{time}") - _EPOCH
     fraction = (match["fraction"] or "")[:_FRACTION_DIGITS].ljust(_FRACTION_DIGITS, "0")
-    seconds = 3600 * hour + 60 * minute + second - _ahead_s(match["zone"] or "+00")
-    return days * _DAY_NS + seconds * _SECOND_NS + int(fraction)
-
-
-@functools.lru_cache(maxsize=16)
-def _ahead_s(zone: str) -> int:
-    """Return the seconds by which a zone is ahead of UTC."""
-    digits = zone[1:].replace(":", "").ljust(4, "0")
-    ahead_s = 3600 * int(digits[:2]) + 60 * int(digits[2:])
-    return -ahead_s if zone[0] == "-" else ahead_s
+    return since // datetime.timedelta(seconds=1) * _SECOND_NS + int(fraction)

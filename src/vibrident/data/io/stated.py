@@ -19,25 +19,11 @@ from vibrident.data.io.columns import Clock, StartTime
 from vibrident.data.io.header_units import is_time
 from vibrident.data.io.sampling import SAME_RATE, plainest_clock
 from vibrident.data.io.units import factor_between
+from vibrident.data.io.vocabulary import VOCABULARY
 
-#: Words, without blanks and signs. "FS" is a full scale and "ts" a time stamp, so these are as
-#: they are spelled.
-_SPELLED = {"fs": "rate", "Fs": "rate", "dt": "interval", "Dt": "interval", "Ts": "interval"}
-_WORDS = {
-    "rate": "samplingrate samplerate samplefrequency samplingfrequency samplingfreq samplefreq "
-    "samplespersecond ratehz fsamp scanrate nisamplingrate nisamplerate",
-    "interval": "samplinginterval sampleinterval samplingperiod sampleperiod deltat timestep "
-    "timeincrement wfincrement",
-    "start": "t0 starttime tstart timestart startdatetime recordingstart wfstarttime",
-    "unit": "unit units unitstring unitname unitsymbol niunitdescription unitdescription "
-    "yunit yunits physicalunit physicalunits engineeringunit engineeringunits",
-}
-_MEANINGS = {word: meaning for meaning, words in _WORDS.items() for word in words.split()}
-#: Units at the end of a name, and of a rate's text. No converter counts in thousandths of a hertz.
-_SUFFIXES = {
-    "khz": 1e3, "mhz": 1e6, "hz": 1.0, "sps": 1.0, "utc": 1.0, "sec": 1.0,
-    "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "s": 1.0,
-}  # fmt: skip
+_SPELLED: dict[str, str] = VOCABULARY["metadata_spelled"]
+_MEANINGS = {word: meaning for meaning, words in VOCABULARY["metadata"].items() for word in words}
+_SUFFIXES: dict[str, float] = VOCABULARY["metadata_suffixes"]
 _SPELLED_NAME = re.compile(r"(\w\w)[ _(\[]*(k?[Hh]z|[mun]?s)?[)\]]?")
 _NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\s\d]*)\s*")
 _DATE = re.compile(
@@ -55,6 +41,11 @@ class Statement:
     name: str
     value: Any
     factor: float  # of the unit in the name, to Hz or s
+
+
+#: Statements about a column, or about what holds it, by meaning; and those at several levels.
+Level = Mapping[str, Statement]
+Levels = Sequence[Level]
 
 
 def meaning_of(name: str) -> tuple[str, float]:
@@ -87,7 +78,7 @@ def statements(values: Mapping[str, Any]) -> dict[str, Statement]:
     return by_meaning
 
 
-def clock_of(levels: Sequence[Mapping[str, Statement]], where: str) -> Clock | None:
+def clock_of(levels: Levels, where: str) -> Clock | None:
     """Return the clock that a file states for a column; None without a rate or an interval.
 
     ``levels``: statements about the column, nearest first, each hiding those behind it; ``where``:
@@ -95,37 +86,31 @@ def clock_of(levels: Sequence[Mapping[str, Statement]], where: str) -> Clock | N
     beside it is of another rate.
     """
     level = next((level for level in levels if {"rate", "interval"} & level.keys()), {})
-    numbers = {
-        meaning: _positive(level[meaning], where)
-        for meaning in ("rate", "interval")
-        if meaning in level
-    }
-    if not numbers:
-        return None
+    rate = level.get("rate")
+    interval = level.get("interval")
+    interval_s = None if interval is None else _positive(interval, where)
     start = start_of(levels)
-    spacing = {meaning: _half_spacing(level[meaning]) for meaning in numbers}
-    if "rate" not in numbers:
-        if spacing["interval"]:
-            return plainest_clock(numbers["interval"], spacing["interval"], start)
-        return Clock(1.0 / numbers["interval"], start=start)
-    rate_hz = numbers["rate"]
-    difference = abs(rate_hz * numbers.get("interval", 1.0 / rate_hz) - 1.0)
-    if difference > _MAX_ROUNDING:
-        clocks = [
-            f"{statement.name} = {statement.value!r}"
-            for statement in map(level.get, numbers)
-            if statement
-        ]
+    if rate is None:
+        if interval is None or interval_s is None:
+            return None
+        half_unit_s = _half_spacing(interval)
+        if half_unit_s:
+            return plainest_clock(interval_s, half_unit_s, start)
+        return Clock(1.0 / interval_s, start=start)
+    rate_hz = _positive(rate, where)
+    difference = 0.0 if interval_s is None else abs(rate_hz * interval_s - 1.0)
+    if interval is not None and difference > _MAX_ROUNDING:
         raise _unusable(
             "The file states two sampling rates.",
-            f"{level['interval'].name} to be 1/{level['rate'].name}",
-            " and ".join(clocks),
+            f"{interval.name} to be 1/{rate.name}",
+            f"{rate.name} = {rate.value!r} and {interval.name} = {interval.value!r}",
             where,
         )
-    return Clock(rate_hz, max(SAME_RATE, difference, spacing["rate"] / rate_hz), start)
+    rounding = max(SAME_RATE, difference, _half_spacing(rate) / rate_hz)
+    return Clock(rate_hz, rounding, start)
 
 
-def start_of(levels: Sequence[Mapping[str, Statement]]) -> StartTime | None:
+def start_of(levels: Levels) -> StartTime | None:
     """Return the start that a file states: a date, or seconds on its own clock; None if neither."""
     statement = next((level["start"] for level in levels if "start" in level), None)
     value = None if statement is None else scalar(statement.value)
@@ -159,7 +144,7 @@ def seconds_since(unit: str) -> tuple[float, StartTime] | None:
     return None if factor is None or start is None else (factor, start)
 
 
-def unit_of(level: Mapping[str, Statement], index: int = 0, count: int = 1) -> str:
+def unit_of(level: Level, index: int = 0, count: int = 1) -> str:
     """Return the stated unit of a column; "" if none.
 
     Several units state those of as many columns: ``index`` of ``count``.
@@ -176,8 +161,8 @@ def unit_of(level: Mapping[str, Statement], index: int = 0, count: int = 1) -> s
 
 def nearest_unit(
     name: str,
-    own_statements: Mapping[str, Statement],
-    outer: Mapping[str, Statement],
+    own_statements: Level,
+    outer: Level,
     index: int = 0,
     count: int = 1,
 ) -> str:

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from vibrident.data.io.header_units import SourceColumn, last_name, short_name
+from vibrident.data.io.header_units import SourceColumn, short_name
 from vibrident.data.io.units import (
     is_no_unit,
     parse_unit,
@@ -52,7 +52,7 @@ class TableColumn(SourceColumn):
     @property
     def name(self) -> str:
         """Return the name without its path and without "k = 2"; "" for a very long one."""
-        return _COVERAGE.sub("", short_name(last_name(self.source, self.position)))
+        return _COVERAGE.sub("", short_name(self.last_name))
 
     @property
     def stated_unit(self) -> str:

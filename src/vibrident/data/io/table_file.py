@@ -52,14 +52,13 @@ def read_table(calibration: CalibrationFile, folder: Path, where: str) -> Respon
             remedy="give the polarity as 180° in the phase column",
         )
     path = folder / section.file
-    source = open_columns(path)
-    positions = _positions(section, source)
-    conversions = _conversions(calibration, source, positions)
-    columns, skipped_rows = _load(section, source, positions)
+    columns = _columns(section, open_columns(path))
+    conversions = _conversions(calibration, columns)
+    numbers, skipped_rows = _load(section, columns)
     values = {
-        key: conversions[key].of_values(columns[key]) * (scale if key in _RESPONSE else 1.0)
+        key: conversions[key].of_values(numbers[key]) * (scale if key in _RESPONSE else 1.0)
         for key in ("frequency", "phase", *_RESPONSE)
-        if key in columns
+        if key in numbers
     }
     size_key = "magnitude"
     label = size_key
@@ -68,56 +67,61 @@ def read_table(calibration: CalibrationFile, folder: Path, where: str) -> Respon
         values["phase"] = np.arctan2(values["imaginary"], values["real"])
         size_key = "real"
         label = "the magnitude of real and imaginary part"
-    _require_positive(
-        label, values["magnitude"], columns[size_key], source, positions[size_key], skipped_rows
-    )
-    magnitude_u, phase_u = _uncertainties(columns, values, conversions, abs(scale))
-    if magnitude_u is not None:
-        magnitude_u = magnitude_u / section.coverage_factor
-    if phase_u is not None:
-        phase_u = phase_u / section.coverage_factor
-    history = _history(calibration, source, positions, conversions)
+    magnitude = values["magnitude"]
+    _require_positive(label, magnitude, columns[size_key], numbers[size_key], skipped_rows)
+    deviations = _uncertainties(numbers, values, conversions, abs(scale))
+    history = _history(calibration, columns, conversions)
     if skipped_rows:
         history.append(f"left out: {skipped_rows} row at 0 Hz")
     table = ResponseTable(
         frequency_hz=values["frequency"],
-        magnitude=values["magnitude"],
+        magnitude=magnitude,
         phase_rad=values.get("phase"),
-        magnitude_uncertainty=magnitude_u,
-        phase_uncertainty_rad=phase_u,
         provenance=Provenance(section.file, sha256(path), tuple(history)),
+        **{name: u / section.coverage_factor for name, u in deviations.items()},
     )
     return table if section.band_hz is None else table.within(section.band_hz)
 
 
 def _uncertainties(
-    columns: Mapping[str, FloatArray],
+    numbers: Mapping[str, FloatArray],
     values: Mapping[str, FloatArray],
     conversions: Mapping[str, ColumnConversion],
     scale: float,
-) -> tuple[FloatArray | None, FloatArray | None]:
-    """Return the uncertainties of magnitude and phase (rad); None where the file states none.
+) -> dict[str, FloatArray]:
+    """Return the uncertainties that the file states, by their names in a table.
+
+    Those of real and imaginary part lead to those of magnitude and phase to first order (GUM
+    5.1.2), as if they were uncorrelated.
 
     Args:
-        columns: key → numbers of the file.
+        numbers: key → numbers of the file.
         values: key → converted and scaled values.
         conversions: key → conversion of the file's numbers.
         scale: size of the factor on the response.
     """
     deviations = {
         key: conversions[key].of_uncertainties(
-            columns[key], values[key.removesuffix("_uncertainty")], scale
+            numbers[key], values[key.removesuffix("_uncertainty")], scale
         )
         for key in _DEVIATIONS
-        if key in columns
+        if key in numbers
     }
     if "real_uncertainty" in deviations:
+        magnitude = values["magnitude"]
+        cosine = values["real"] / magnitude
+        sine = values["imaginary"] / magnitude
         real_u = deviations["real_uncertainty"]
-        return _polar_uncertainties(values, real_u, deviations["imaginary_uncertainty"])
-    phase_u = None
-    if "phase_uncertainty" in columns:
-        phase_u = conversions["phase_uncertainty"].of_values(columns["phase_uncertainty"])
-    return deviations.get("magnitude_uncertainty"), phase_u
+        imaginary_u = deviations["imaginary_uncertainty"]
+        across = np.hypot(sine * real_u, cosine * imaginary_u)
+        return {
+            "magnitude_uncertainty": np.hypot(cosine * real_u, sine * imaginary_u),
+            "phase_uncertainty_rad": across / magnitude,
+        }
+    if "phase_uncertainty" in numbers:
+        phase_u = conversions["phase_uncertainty"].of_values(numbers["phase_uncertainty"])
+        deviations["phase_uncertainty_rad"] = phase_u
+    return deviations
 
 
 def table_response_unit(calibration: CalibrationFile, source: ColumnFile) -> str:
@@ -135,22 +139,23 @@ def table_response_unit(calibration: CalibrationFile, source: ColumnFile) -> str
     return calibration.response.unit if is_scaled else label or calibration.response.unit
 
 
-def _positions(section: TableSection, source: ColumnFile) -> dict[str, int]:
-    """Return the position of each column that the section names."""
-    columns = {key: getattr(section, key) for key in _KEYS}
-    names = {key: f"[table] {key}" for key in _KEYS}
+def _columns(section: TableSection, source: ColumnFile) -> dict[str, TableColumn]:
+    """Return each column that the section names, by its key."""
+    columns: dict[str, TableColumn] = {}
+    components = {}
     if section.complex is not None:
         components = {"real": "real", "imaginary": "imag", "frequency": "frequency"}
-        for key, component in components.items():
-            if columns[key] is None:
-                columns[key] = f"{section.complex}.{component}"
-                names[key] = "[table] complex"
         _require_complex(section, source)
-    return {
-        key: source.position_of(column, names[key])
-        for key, column in columns.items()
-        if column is not None
-    }
+    for key in _KEYS:
+        column = getattr(section, key)
+        asking_key = key
+        if column is None and key in components:
+            column = f"{section.complex}.{components[key]}"
+            asking_key = "complex"
+        if column is not None:
+            position = source.position_of(column, f"[table] {asking_key}")
+            columns[key] = TableColumn(source, position, key)
+    return columns
 
 
 def _require_complex(section: TableSection, source: ColumnFile) -> None:
@@ -182,12 +187,11 @@ def _require_complex(section: TableSection, source: ColumnFile) -> None:
 
 
 def _conversions(
-    calibration: CalibrationFile, source: ColumnFile, positions: Mapping[str, int]
+    calibration: CalibrationFile, columns: Mapping[str, TableColumn]
 ) -> dict[str, ColumnConversion]:
     """Return what leads from the numbers of each column to the table's units."""
     section = calibration.table
     assert section is not None
-    columns = {key: TableColumn(source, position, key) for key, position in positions.items()}
     conversions = {"frequency": frequency_conversion(columns["frequency"])}
     for key in _RESPONSE:
         if key in columns:
@@ -209,11 +213,13 @@ def _conversions(
 
 
 def _load(
-    section: TableSection, source: ColumnFile, positions: Mapping[str, int]
+    section: TableSection, columns: Mapping[str, TableColumn]
 ) -> tuple[dict[str, FloatArray], int]:
-    """Return the checked columns, and how many rows at 0 Hz were left out of a file's own axis."""
-    columns = dict(zip(positions, source.load(tuple(positions.values())), strict=True))
-    lengths = {key: values.size for key, values in columns.items()}
+    """Return the checked numbers, and how many rows at 0 Hz were left out of a file's own axis."""
+    source = columns["frequency"].source
+    loaded = source.load([column.position for column in columns.values()])
+    numbers = dict(zip(columns, loaded, strict=True))
+    lengths = {key: values.size for key, values in numbers.items()}
     if len(set(lengths.values())) > 1:
         raise InputError(
             "The columns of the table differ in length.",
@@ -223,88 +229,61 @@ def _load(
             remedy="give every column the same number of values",
         )
     own_axis = section.complex is not None and section.frequency is None
-    skipped = int(own_axis and lengths["frequency"] > 1 and columns["frequency"][0] == 0.0)
-    columns = {key: values[skipped:] for key, values in columns.items()}
-    for key, values in columns.items():
-        source.require_finite(positions[key], values, skipped, "repair or remove that row")
+    skipped = int(own_axis and lengths["frequency"] > 1 and numbers["frequency"][0] == 0.0)
+    numbers = {key: values[skipped:] for key, values in numbers.items()}
+    for key, values in numbers.items():
+        position = columns[key].position
+        source.require_finite(position, values, skipped, "repair or remove that row")
         if key not in _SIGNED and key != "magnitude":
-            _require_positive(key, values, values, source, positions[key], skipped)
-    return columns, skipped
+            _require_positive(key, values, columns[key], values, skipped)
+    return numbers, skipped
 
 
 def _require_positive(
-    key: str,
-    values: FloatArray,
-    file_values: FloatArray,
-    source: ColumnFile,
-    position: int,
-    first_row: int,
+    label: str, values: FloatArray, column: TableColumn, numbers: FloatArray, first_row: int
 ) -> None:
-    """Refuse a value that is not above zero, or too large to be a number."""
+    """Refuse a value that is not above zero, or too large to be a number.
+
+    ``numbers``: of the file's column, from ``first_row`` on.
+    """
     bad = np.flatnonzero((values <= 0) | ~np.isfinite(values))
     if bad.size:
-        is_large = bool(np.isinf(values[bad[0]]))
+        row = int(bad[0])
         raise InputError(
-            f"A value of {key} is {'too large' if is_large else 'not above zero'}.",
+            f"A value of {label} is {'too large' if np.isinf(values[row]) else 'not above zero'}.",
             expected="numbers above 0"
-            + ('; for dB state magnitude_unit = "dB"' if key == "magnitude" else ""),
-            found=repr(float(file_values[bad[0]])),
-            where=source.locate(position, first_row + int(bad[0])),
+            + ('; for dB state magnitude_unit = "dB"' if label == "magnitude" else ""),
+            found=repr(float(numbers[row])),
+            where=column.source.locate(column.position, first_row + row),
             remedy="repair or remove that row",
         )
 
 
-def _polar_uncertainties(
-    values: Mapping[str, FloatArray], real_u: FloatArray, imaginary_u: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the standard uncertainties of magnitude and phase, to first order (GUM 5.1.2).
-
-    Real and imaginary part are taken as uncorrelated.
-    """
-    magnitude = values["magnitude"]
-    cosine = values["real"] / magnitude
-    sine = values["imaginary"] / magnitude
-    along = np.hypot(cosine * real_u, sine * imaginary_u)
-    across = np.hypot(sine * real_u, cosine * imaginary_u)
-    return along, across / magnitude
-
-
 def _history(
     calibration: CalibrationFile,
-    source: ColumnFile,
-    positions: Mapping[str, int],
+    columns: Mapping[str, TableColumn],
     conversions: Mapping[str, ColumnConversion],
 ) -> list[str]:
     """Return what was done with each column, in words."""
     scale = calibration.response.scale / calibration.reference.scale
     history = [
-        f"{key}: column {position + 1} {source.names[position]!r}"
-        for key, position in positions.items()
+        f"{key}: column {column.position + 1} {column.source.names[column.position]!r}"
+        for key, column in columns.items()
     ]
     unit = f"{calibration.response.unit} per unit of {calibration.reference.quantity}"
-    for key in _RESPONSE:
-        if key in conversions:
-            conversion = conversions[key]
+    for key, conversion in conversions.items():
+        stated = conversion.unit
+        if key in _RESPONSE:
             step = f"{key} × {conversion.factor * scale!r} → {unit}"
-            history.append(
-                step + (f"; the file states {conversion.unit}" if conversion.unit else "")
-            )
+            history.append(f"{step}; the file states {stated}" if stated else step)
             if conversion.kind == "level":
-                history.append(
-                    f"{key} read in {conversion.unit}, 20 lg; re 1 unit where none is stated"
-                )
-    frequency = conversions["frequency"]
-    if frequency.factor != 1.0:
-        history.append(f"frequency × {frequency.factor!r} → Hz; the file states {frequency.unit}")
-    for key in ("phase", "phase_uncertainty"):
-        if key in conversions:
-            conversion = conversions[key]
-            history.append(
-                f"{key} read in {conversion.unit or 'deg, assumed: nothing states its unit'}"
-            )
-    for key in _DEVIATIONS:
-        if key in conversions and conversions[key].kind != "linear":
-            history.append(f"{key} read in {conversions[key].unit}, relative")
+                history.append(f"{key} read in {stated}, 20 lg; re 1 unit where none is stated")
+        elif key == "frequency" and conversion.factor != 1.0:
+            history.append(f"frequency × {conversion.factor!r} → Hz; the file states {stated}")
+        elif key.startswith("phase"):
+            history.append(f"{key} read in {stated or 'deg, assumed: nothing states its unit'}")
+        elif key in _DEVIATIONS and conversion.kind != "linear":
+            history.append(f"{key} read in {stated}, relative")
     if "real_uncertainty" in conversions:
         history.append(
             "real and imaginary part taken as uncorrelated: their covariance is neglected"

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.csv_layout import CsvLayout, split_line
+from vibrident.data.io.columns import Channel
+from vibrident.data.io.csv_layout import CsvLayout
 from vibrident.data.io.plain_text import BLANKS, PlainText
-from vibrident.data.io.text_head import LABVIEW_END, HeadFacts, HeadLine
+from vibrident.data.io.text_head import LABVIEW_END, HeadLine
 
 #: A segment that begins this close to the end of the one before, in sampling intervals, goes on.
 _SAME_PLACE = 0.01
@@ -47,8 +49,9 @@ def _without_heads(content: bytes, layout: CsvLayout, file: str) -> bytes:
         number = layout.first_line + top
         head = [HeadLine(number + i, line) for i, line in enumerate(lines[top:end])]
         following = layout.read_head([*head, HeadLine(0, LABVIEW_END)])
-        names = split_line(lines[end + 1], layout.delimiter)
-        if names[: len(layout.names)] != [*layout.names] or following.units != facts.units:
+        names = layout.split(lines[end + 1])
+        is_same = [channel.unit for channel in following] == [channel.unit for channel in facts]
+        if names[: len(layout.names)] != [*layout.names] or not is_same:
             difference = "other channels or units than those above"
         else:
             difference = _gap(
@@ -69,9 +72,11 @@ def _without_heads(content: bytes, layout: CsvLayout, file: str) -> bytes:
     return content[: layout.offset] + text.encode(layout.encoding, errors="surrogateescape")
 
 
-def _gap(before: HeadFacts, after: HeadFacts, rows: int) -> str:
+def _gap(before: Sequence[Channel], after: Sequence[Channel], rows: int) -> str:
     """Return what parts a segment in time from the one before, of as many rows; "" for nothing."""
-    for old, new in zip(before.clocks, after.clocks, strict=True):
+    for channel, following in zip(before, after, strict=True):
+        old = channel.clock
+        new = following.clock
         if old is None and new is None:
             continue
         if old is None or new is None or abs(new.rate_hz / old.rate_hz - 1.0) > old.rate_rounding:

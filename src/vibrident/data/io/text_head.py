@@ -8,47 +8,28 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.columns import Clock, StartTime
+from vibrident.data.io.columns import Channel, Clock, StartTime
 from vibrident.data.io.plain_text import BLANKS
-from vibrident.data.io.sampling import plainest_clock
+from vibrident.data.io.sampling import agreed_clock, plainest_clock
 from vibrident.data.io.stamps import has_fraction, is_stamp, parse_stamps
 from vibrident.data.io.units import Unit, is_no_unit, parse_unit, without_brackets
+from vibrident.data.io.vocabulary import VOCABULARY
 
-#: Keys of a statement, by what they state; a blank stands for "_", "-", "." and blanks, or none.
-_KEYS = {
-    kind: keys.split(", ")
-    for kind, keys in {
-        "rate": "sample rate, sampling rate, sample frequency, sampling frequency, sample freq, "
-        "sampling freq, samp rate, samples per second, samples per sec, samples/sec, samples/s, "
-        "sps, scan rate, acquisition rate, srate, fs, rate, sampling, abtastrate, abtastfrequenz, "
-        "abtastung, messrate, fréquence d'échantillonnage, frecuencia de muestreo, "
-        "frequenza di campionamento, 采样率, 采样频率, サンプリング周波数, サンプリングレート, "
-        "частота дискретизации",
-        "interval": "sample interval, sampling interval, sample period, sampling period, "
-        "scan interval, time increment, time step, delta x, delta t, delta, Δt, dt, x increment, "
-        "x incr, increment, interval, t inc, abtastintervall, intervall, abtastperiode, "
-        "abtastzeit, zeitschritt, schrittweite, période d'échantillonnage, periodo de muestreo, "
-        "采样间隔, 采样周期, サンプリング周期, サンプリング間隔, "
-        "период дискретизации, интервал дискретизации",
-        "start": "start time, start, x zero, x0, t0, startzeit, 开始时间",
-        "units": "y unit label, vertical units, y units, units, unit, einheiten, einheit, unités, "
-        "unidades, 单位, 単位, единицы",
-        "time unit": "horizontal units, x units, x unit",
-        "dimension": "x dimension",
-    }.items()
-}
+#: Keys of a statement, by what they state.
+_KEYS: dict[str, list[str]] = VOCABULARY["head"]
 #: Of a sampling if they have a unit of it.
 _OF_ANYTHING = frozenset(
     {"rate", "sampling", "abtastung", "delta", "increment", "interval", "intervall"}
 )
+_CLOCKS = ("rate", "interval")
 _SEPARATORS = ":=,;\t"
 _STATEMENT = re.compile(
     r"(?:^|[,;|\t({]|//|\s{2})[\s#%*!]*(?:"
     + "|".join(
-        f"(?P<{kind.replace(' ', '_')}>"
+        f"(?P<{kind}>"
         + "|".join(
             re.escape(key).replace(r"\ ", r"[ _.\-]*") for key in sorted(keys, key=len)[::-1]
         )
@@ -94,34 +75,14 @@ class HeadStatement:
     line: HeadLine
 
 
-@dataclass(frozen=True)
-class HeadFacts:
-    """Statements of a head for each column."""
-
-    units: tuple[str, ...]
-    clocks: tuple[Clock | None, ...]
-    over_frequency: tuple[bool, ...]
-
-
-@dataclass
-class _ColumnClocks:
-    """Clocks of one column as stated, each with its line."""
-
-    is_numeric: bool
-    clocks: list[tuple[Clock, HeadLine]] = field(default_factory=list)
-    unit: str = ""
-    start: StartTime | None = None
-    is_over_frequency: bool = False
-
-
 def statements(line: HeadLine, delimiter: str) -> Iterator[HeadStatement]:
     """Yield the statements of a line."""
     text = line.text.replace('"', "").rstrip("\r\n")
     for match in _STATEMENT.finditer(text):
-        kind = next(kind for kind in _KEYS if match[kind.replace(" ", "_")] is not None)
+        kind = next(kind for kind in _KEYS if match[kind] is not None)
         is_row = match[0].endswith(delimiter) and delimiter != BLANKS
         remainder = text[match.end() :] if is_row else text[match.end() :].lstrip(_SEPARATORS + " ")
-        is_word = kind in ("units", "time unit", "dimension")
+        is_word = kind in ("units", "time_unit", "dimension")
         gap = delimiter if is_row or (delimiter not in (BLANKS, ",") and not is_word) else "[,;\t]"
         if is_word and not re.search(gap, remainder):
             gap = r"\s+"
@@ -162,8 +123,8 @@ def read_head(
     numeric: Sequence[int],
     x_column: int | None,
     file: str,
-) -> HeadFacts:
-    """Return what the head states of each column.
+) -> tuple[Channel, ...]:
+    """Return what the head states of each column: clock, unit, and values over frequency.
 
     Args:
         lines: above the data, and beside it.
@@ -177,72 +138,68 @@ def read_head(
     Raises:
         InputError: a rate or interval has no usable number or unit, or two contradict each other.
     """
-    statements_of_head = [s for line in lines for s in statements(line, delimiter)]
-    of_numbers = set(numeric)  # a file may have thousands
-    columns = [_ColumnClocks(index in of_numbers) for index in range(width)]
-    time_unit = next((s.values[0] for s in statements_of_head if s.kind == "time unit"), "")
+    stated = [
+        (statement, _by_column(statement, width, numeric, x_column))
+        for line in lines
+        for statement in statements(line, delimiter)
+    ]
+    time_unit = next((s.values[0] for s, _ in stated if s.kind == "time_unit"), "")
     abscissa = parse_unit(time_unit)
-    for column in columns:
-        column.is_over_frequency = abscissa is not None and abscissa.dimension == (("s", -1),)
-    for statement in statements_of_head:
-        if statement.kind == "dimension":
-            for column, value in _by_column(statement, columns):
-                column.is_over_frequency = value.lower().startswith("freq")
-    for statement in statements_of_head:
-        if statement.kind == "units":
-            _take_units(statement, columns, x_column)
-        elif statement.kind in ("rate", "interval"):
-            _take_clock(statement, columns, decimal, time_unit, file)
-    _take_starts(statements_of_head, lines, columns, delimiter, decimal)
-    return HeadFacts(
-        tuple(column.unit for column in columns),
-        tuple(_agreed(column, file) for column in columns),
-        tuple(column.is_over_frequency for column in columns),
-    )
+    is_over_hertz = abscissa is not None and abscissa.dimension == (("s", -1),)
+    for statement, values in stated:
+        rates = {*values.values()} - {""}
+        if statement.kind in _CLOCKS and (
+            not values or (statement.kind == "rate" and len(rates) > 1)
+        ):
+            raise _unusable(statement, "one rate, or an interval for each column", file)
+    labview = _labview_rows(lines, delimiter)
+    channels = []
+    for column in range(width):
+        pairs = [(s, values[column]) for s, values in stated if values.get(column)]
+        over_frequency = is_over_hertz
+        for statement, value in pairs:
+            if statement.kind == "dimension":
+                over_frequency = value.lower().startswith("freq")
+        units = [v for s, v in pairs if s.kind == "units" and not is_no_unit(v)]
+        starts = [_start(s, v, decimal) for s, v in pairs if s.kind == "start"]
+        start = next(filter(None, reversed(starts)), None)
+        start = _labview_start(labview, column, start) if labview else start
+        clocks = [
+            (_clock(s, v, decimal, time_unit, file), s.line)
+            for s, v in pairs
+            if s.kind in _CLOCKS and not over_frequency
+        ]
+        clock = _agreed(clocks, file)
+        clock = clock and replace(clock, start=start)
+        unit = without_brackets(units[0]) if units else ""
+        channels.append(Channel("", clock=clock, unit=unit, over_frequency=over_frequency))
+    return tuple(channels)
 
 
 def _by_column(
-    statement: HeadStatement, columns: Sequence[_ColumnClocks]
-) -> Iterator[tuple[_ColumnClocks, str]]:
-    """Yield each column with its value: one for all, one for each, or for each but the first."""
+    statement: HeadStatement, width: int, numeric: Sequence[int], x_column: int | None
+) -> dict[int, str]:
+    """Return column → value: one for all, one for each, or for each but the first.
+
+    A single unit is that of a single ordinate.
+    """
     values = statement.values
-    if len(values) == 1:
-        yield from ((column, values[0] if column.is_numeric else "") for column in columns)
-    elif len(values) == len(columns):
-        yield from zip(columns, values, strict=True)
-    elif len(values) < len(columns) and (statement.is_row or len(values) == len(columns) - 1):
-        yield from zip(columns[1:], values, strict=False)
-
-
-def _take_units(
-    statement: HeadStatement, columns: list[_ColumnClocks], x_column: int | None
-) -> None:
-    """Set the units of columns; a single one is of a single ordinate."""
-    pairs = list(_by_column(statement, columns))
-    if len(statement.values) == 1:
-        pairs = [pair for n, pair in enumerate(pairs) if pair[0].is_numeric and n != x_column]
-        pairs = pairs if len(pairs) == 1 else []
-    for column, value in pairs:
-        if not is_no_unit(value):
-            column.unit = column.unit or without_brackets(value)
-
-
-def _take_clock(
-    statement: HeadStatement, columns: list[_ColumnClocks], decimal: str, time_unit: str, file: str
-) -> None:
-    """Add the clock of a rate or an interval to the columns that it is of."""
-    values = statement.values
-    if not statement.is_row:
+    if statement.kind == "start" and is_stamp(stamp := " ".join(values)):
+        return dict.fromkeys(range(width), stamp)
+    if statement.kind in ("rate", "interval", "start") and not statement.is_row:
         values = values[:1]
-    elif len(values) == 2 and values[1] and not _NUMBER.match(values[1]):
+    is_clock = statement.kind in _CLOCKS
+    if is_clock and len(values) == 2 and values[1] and not _NUMBER.match(values[1]):
         values = (" ".join(values),)  # the unit in a cell of its own
-    pairs = list(_by_column(replace(statement, values=values), columns))
-    if not pairs or (statement.kind == "rate" and len({*values} - {""}) > 1):
-        raise _unusable(statement, "one rate, or an interval for each column", file)
-    for column, value in pairs:
-        if value and not column.is_over_frequency:
-            clock = _clock(statement, value, decimal, time_unit, file)
-            column.clocks.append((clock, statement.line))
+    if len(values) == 1 and statement.kind == "units":
+        ordinates = [column for column in numeric if column != x_column]
+        return dict.fromkeys(ordinates, values[0]) if len(ordinates) == 1 else {}
+    if len(values) == 1:
+        return dict.fromkeys(numeric, values[0])
+    if len(values) == width:
+        return dict(enumerate(values))
+    is_of_ordinates = len(values) < width and (statement.is_row or len(values) == width - 1)
+    return dict(enumerate(values, start=1)) if is_of_ordinates else {}
 
 
 def _clock(statement: HeadStatement, value: str, decimal: str, time_unit: str, file: str) -> Clock:
@@ -296,21 +253,16 @@ def _unit(text: str) -> Unit | None:
     return parsed if parsed and parsed.dimension in ((("s", 1),), (("s", -1),)) else None
 
 
-def _agreed(column: _ColumnClocks, file: str) -> Clock | None:
+def _agreed(stated: Sequence[tuple[Clock, HeadLine]], file: str) -> Clock | None:
     """Return the least rounded of the clocks; InputError where two contradict each other."""
-    if not column.clocks or column.is_over_frequency:
-        return None
-    best, at = min(column.clocks, key=lambda pair: pair[0].rate_rounding)
-    for clock, line in column.clocks:
-        if abs(clock.rate_hz / best.rate_hz - 1.0) > clock.rate_rounding + best.rate_rounding:
-            raise InputError(
-                "The head of the file states two sampling rates.",
-                expected=f"{best.rate_hz:.9g} Hz, as by line {at.number}: {at.text.strip()[:60]!r}",
-                found=f"{clock.rate_hz:.9g} Hz by line {line.number}: {line.text.strip()[:60]!r}",
-                where=f"{file}, lines {at.number} and {line.number}",
-                remedy="correct or remove one of the two lines",
-            )
-    return Clock(best.rate_hz, best.rate_rounding, column.start)
+    clocks = sorted(stated, key=lambda pair: pair[0].rate_rounding)
+    numbers = sorted({line.number for _, line in clocks})
+    return agreed_clock(
+        [(f"line {line.number}, {line.text.strip()[:60]!r},", clock) for clock, line in clocks],
+        f"{file}, lines {' and '.join(map(str, numbers))}",
+        "The head of the file states two sampling rates.",
+        "correct or remove one of the two lines",
+    )
 
 
 def _unusable(statement: HeadStatement, expected: str, file: str) -> InputError:
@@ -323,54 +275,42 @@ def _unusable(statement: HeadStatement, expected: str, file: str) -> InputError:
     )
 
 
-def _take_starts(
-    statements_of_head: Sequence[HeadStatement],
-    lines: Sequence[HeadLine],
-    columns: list[_ColumnClocks],
-    delimiter: str,
-    decimal: str,
-) -> None:
-    """Set the start of each column: in seconds, or as a time of day to fractions of a second."""
-    for statement in statements_of_head:
-        if statement.kind != "start":
-            continue
-        stamp = " ".join(statement.values)
-        if is_stamp(stamp):
-            if has_fraction(stamp):
-                for column in columns:
-                    column.start = _epoch(stamp)
-            continue
-        single = statement.values if statement.is_row else statement.values[:1]
-        for column, value in _by_column(replace(statement, values=single), columns):
-            written = _NUMBER.match(value)
-            number = _number(written[1].rstrip(".,'"), decimal) if written else None
-            unit = _unit((written[2] if written else "") or statement.unit or "s")
-            if number is not None and unit is not None and abs(number) < _MAX_RATE_HZ:
-                column.start = StartTime.on_own_clock(number * unit.factor)
-    if any(line.text.strip().startswith(LABVIEW_END) for line in lines):
-        _take_labview_starts(lines, columns, delimiter)
+def _start(statement: HeadStatement, value: str, decimal: str) -> StartTime | None:
+    """Return a start in seconds, or at a time of day to fractions of a second; None for others."""
+    if is_stamp(value):
+        return _epoch(value) if has_fraction(value) else None
+    written = _NUMBER.match(value)
+    number = _number(written[1].rstrip(".,'"), decimal) if written else None
+    unit = _unit((written[2] if written else "") or statement.unit or "s")
+    if number is None or unit is None or abs(number) >= _MAX_RATE_HZ:
+        return None
+    return StartTime.on_own_clock(number * unit.factor)
 
 
-def _take_labview_starts(
-    lines: Sequence[HeadLine], columns: list[_ColumnClocks], delimiter: str
-) -> None:
-    """Add the date and time that X0 of a LabVIEW measurement counts from, or 1904 (Time_Pref)."""
+def _labview_rows(lines: Sequence[HeadLine], delimiter: str) -> dict[str, list[str]]:
+    """Return key → values of the last head of a LabVIEW measurement; nothing for another file."""
+    if not any(line.text.strip().startswith(LABVIEW_END) for line in lines):
+        return {}
     gap = None if delimiter == BLANKS else delimiter
     cells = [[cell.strip() for cell in line.text.rstrip().split(gap)] for line in lines]
-    rows = {key.lower(): values for key, *values in cells if values}  # of the last head
+    return {key.lower(): values for key, *values in cells if values}
 
-    def cell(key: str, column: int) -> str:
+
+def _labview_start(
+    rows: dict[str, list[str]], column: int, start: StartTime | None
+) -> StartTime | None:
+    """Return a start by the date and time that X0 counts from, or 1904 (an absolute Time_Pref)."""
+
+    def cell(key: str) -> str:
         values = rows.get(key, [""])
         return values[0] if len(values) == 1 else "".join(values[max(column - 1, 0) :][:1])
 
-    for index, column in enumerate(columns):
-        x0_ns = 0 if column.start is None else column.start.ns
-        stamp = f"{cell('date', index)} {cell('time', index)}"
-        begin = _epoch(stamp) if is_stamp(stamp) else None
-        if x0_ns and cell("time_pref", index).lower() == "absolute":
-            column.start = StartTime(x0_ns + _LABVIEW_EPOCH_S * 10**9, epoch=True)
-        elif begin is not None:
-            column.start = StartTime(begin.ns + x0_ns, epoch=True)
+    x0_ns = 0 if start is None else start.ns
+    stamp = f"{cell('date')} {cell('time')}"
+    begin = _epoch(stamp) if is_stamp(stamp) else None
+    if x0_ns and cell("time_pref").lower() == "absolute":
+        return StartTime(x0_ns + _LABVIEW_EPOCH_S * 10**9, epoch=True)
+    return start if begin is None else StartTime(begin.ns + x0_ns, epoch=True)
 
 
 def _epoch(stamp: str) -> StartTime | None:

@@ -8,15 +8,13 @@ stamps is uneven sampling.
 from __future__ import annotations
 
 import datetime
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.columns import Clock, ColumnFile, StartTime
-from vibrident.data.io.header_units import header, seconds_per_unit
+from vibrident.data.io.columns import Clock, IntArray, Locate, StartTime
+from vibrident.data.io.header_units import SourceColumn
 from vibrident.data.io.sampling import SAME_RATE
 from vibrident.data.records import FloatArray
 
@@ -51,8 +49,8 @@ class Timeline:
     """
 
     clock: Clock
-    rows: NDArray[np.int64]
-    raster_index: NDArray[np.int64]
+    rows: IntArray
+    raster_index: IntArray
     offsets: FloatArray
     rounding_s: float
     note: str = ""
@@ -73,14 +71,11 @@ class Timeline:
         return int(self.raster_index[-1]) + 1 - self.raster_index.size
 
 
-def timeline_of(
-    source: ColumnFile, position: int, times: FloatArray, unit_s: float | None = None
-) -> Timeline:
+def timeline_of(column: SourceColumn, times: FloatArray, unit_s: float | None = None) -> Timeline:
     """Return the timeline of a column of times, in the unit of its header.
 
     Args:
-        source: the file.
-        position: of the column.
+        column: of a file.
         times: shape (rows,), as the file gives them.
         unit_s: seconds in a unit of the times where that is known; None: by the header.
 
@@ -88,6 +83,8 @@ def timeline_of(
         InputError: a time is missing, the unit is not plausible, times go back, or no even raster
             is within half an interval of all of them.
     """
+    source = column.source
+    position = column.position
     source.require_finite(position, times, 0, "repair the time column, or give rate_hz")
 
     def locate(row: int) -> str:
@@ -95,10 +92,10 @@ def timeline_of(
 
     if times.size < 2:
         raise _uneven("A time column needs two rows or more.", f"{times.size} times", locate(0))
-    seconds = seconds_per_unit(source, position) if unit_s is None else unit_s
+    seconds = column.seconds if unit_s is None else unit_s
     note = ""
     if seconds is None:
-        seconds, note = _plausible_unit(times, header(source, position), locate)
+        seconds, note = _plausible_unit(times, column.header, locate)
     elif seconds != 1.0 and unit_s is None:
         name = source.names[position]
         note = f"time: column {position + 1} ({name!r}) × {seconds!r} → s, by the header"
@@ -106,29 +103,30 @@ def timeline_of(
     if start is None or not source.in_seconds(position):
         first_s = float(times[0]) * seconds
         start = StartTime(round(first_s * 1e9), epoch=_EPOCH_S[0] <= first_s < _EPOCH_S[1])
-    resolution = float(np.spacing(np.max(np.abs(times))))
-    return timeline_from((times - times[0]) * seconds, resolution * seconds, start, locate, note)
+    return timeline_from(times, start, locate, seconds, note)
 
 
 def timeline_from(
-    elapsed_s: FloatArray,
-    resolution_s: float,
+    times: FloatArray,
     start: StartTime,
-    locate: Callable[[int], str],
+    locate: Locate,
+    seconds: float = 1.0,
     note: str = "",
 ) -> Timeline:
-    """Return the timeline of times since the first.
+    """Return the timeline of times.
 
     Args:
-        elapsed_s: shape (rows,), finite.
-        resolution_s: limit of the arithmetic of a time, s.
+        times: shape (rows,), finite.
         start: of the first row.
         locate: description of a row's place, for messages.
+        seconds: in a unit of the times.
         note: passed on.
 
     Raises:
         InputError: as :func:`timeline_of`.
     """
+    elapsed_s = (times - times[0]) * seconds
+    resolution_s = float(np.spacing(np.max(np.abs(times)))) * seconds
     steps = np.diff(elapsed_s)
     if (back := np.flatnonzero(steps < 0)).size:
         row = int(back[0]) + 1
@@ -151,18 +149,7 @@ def timeline_from(
     return Timeline(clock, rows, raster_index, offsets, max(rounding_s, resolution_s), note)
 
 
-def clock_from_times(times_s: FloatArray, locate: Callable[[int], str]) -> Clock | None:
-    """Return the clock of samples with times on a file's own clock; None for fewer than two."""
-    if times_s.size < 2:
-        return None
-    resolution_s = float(np.spacing(np.max(np.abs(times_s))))
-    start = StartTime.on_own_clock(float(times_s[0]))
-    return timeline_from(times_s - times_s[0], resolution_s, start, locate).clock
-
-
-def _raster(
-    times: FloatArray, locate: Callable[[int], str]
-) -> tuple[NDArray[np.int64], float, float]:
+def _raster(times: FloatArray, locate: Locate) -> tuple[IntArray, float, float]:
     """Return place of each time on the even raster, its interval and its origin, by regression."""
     raster_index = np.arange(times.size)
     interval, origin = _regression(raster_index, times)
@@ -186,7 +173,7 @@ def _raster(
     return raster_index, interval, origin
 
 
-def _regression(raster_index: NDArray[np.int64], times: FloatArray) -> tuple[float, float]:
+def _regression(raster_index: IntArray, times: FloatArray) -> tuple[float, float]:
     """Return interval and origin of the straight line through times over places."""
     centred = raster_index - raster_index.mean()
     interval = float(centred @ times / (centred @ centred))
@@ -219,9 +206,7 @@ def _rounding(times: FloatArray, resolution_s: float) -> float:
     return max(widths)
 
 
-def _plausible_unit(
-    times: FloatArray, name: str, locate: Callable[[int], str]
-) -> tuple[float, str]:
+def _plausible_unit(times: FloatArray, name: str, locate: Locate) -> tuple[float, str]:
     """Return the seconds in a unit of times that state none, and what was understood."""
     first = float(times[0])
     usual = float(np.median(np.diff(times)))

@@ -9,9 +9,10 @@ from itertools import pairwise
 from vibrident.data.io.plain_text import BLANKS
 from vibrident.data.io.text_head import HeadLine, is_key
 from vibrident.data.io.units import is_no_unit, is_row_counter, parse_unit
+from vibrident.data.io.vocabulary import VOCABULARY
 
 #: Names above a column that the rows do not have (LabVIEW).
-COMMENTS = frozenset({"comment", "comments", "kommentar", "commentaire"})
+COMMENTS = frozenset(VOCABULARY["comments"])
 _NUMBER = re.compile(r"[+-]?\d*\.?\d+(?:[eE][+-]?\d+)?")
 _BRACKETED = re.compile(r"\[.*\]|\(.*\)|<.*>")
 #: Of an abscissa.

@@ -30,6 +30,9 @@ PLAIN_BRACKETS = str.maketrans("（）［］【】｛｝＜＞／", "()[][]{}<>/
 _SYMBOLS: dict[str, tuple[float, dict[str, int], str]] = _TABLES["symbols"]
 #: Words and other spellings, in lower case → symbol.
 _WORDS = {word: symbol for symbol, words in _TABLES["words"].items() for word in words}
+#: Spellings of symbols that are no words, as they may have a prefix; and those in capitals.
+_ALIASES: dict[str, str] = _TABLES["aliases"]
+_CAPITALS: dict[str, str] = _TABLES["capitals"]
 _PREFIXES: dict[str, float] = _TABLES["prefixes"]
 _PREFIX_WORDS: dict[str, str] = _TABLES["prefix_words"]
 #: Written without a sign between metre and second, also in "mV/ms-2"; by the rules a millisecond.
@@ -207,20 +210,15 @@ def _named(name: str) -> Unit | None:
     # "MV" may be meant for mV or for MV: no guess. Other capitals have one reading left.
     if len(name) == 2 and name[0] == "M" and name[1] in "VAC":
         return None
-    other_case = {"HZ": "Hz", "KHZ": "kHz", "MHZ": "MHz", "PA": "Pa", "KPA": "kPa", "GAL": "Gal"}
-    return _symbol(other_case.get(name, lower))
+    return _symbol(_CAPITALS.get(name, lower))
 
 
 def _symbol(name: str) -> Unit | None:
-    if name in _SYMBOLS:
-        return _unit(name, "")
-    base = name[1:]
-    if base in _SYMBOLS and name[0] in _SYMBOLS[base][2]:
-        return _unit(base, name[0])
-    aliases = {"sec": "s", "gn": "g", "gal": "Gal", "hz": "Hz"}
-    if base in aliases and name[0] in _SYMBOLS[aliases[base]][2]:
-        return _unit(aliases[base], name[0])
-    return _unit("Gal", "") if name == "gal" else _unit("Hz", "") if name == "hz" else None
+    for size in (0, 1):  # of the prefix
+        base = _ALIASES.get(name[size:], name[size:])
+        if base in _SYMBOLS and (not size or name[0] in _SYMBOLS[base][2]):
+            return _unit(base, name[:size])
+    return None
 
 
 def _unit(symbol: str, prefix: str) -> Unit:

@@ -2,7 +2,13 @@
 
 from vibrident.data.known.mounting import Mounting
 from vibrident.data.known.response import KnownResponse, refuse_known
-from vibrident.data.known.shapes import DigitalFilter, RationalResponse, Shape, Tabulated
+from vibrident.data.known.shapes import (
+    DigitalFilter,
+    RationalResponse,
+    Shape,
+    Tabulated,
+    flat_gain,
+)
 
 __all__ = [
     "DigitalFilter",
@@ -11,5 +17,6 @@ __all__ = [
     "RationalResponse",
     "Shape",
     "Tabulated",
+    "flat_gain",
     "refuse_known",
 ]

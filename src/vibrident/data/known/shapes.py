@@ -74,6 +74,12 @@ class RationalResponse:
         return np.inf
 
 
+def flat_gain(gain: float) -> RationalResponse:
+    """Return the response that is this factor at all frequencies."""
+    none = np.zeros(0, dtype=complex)
+    return RationalResponse(none, none, float(gain))
+
+
 @dataclass(frozen=True, eq=False)
 class DigitalFilter:
     """Digital filter Σ b_k z^{−k} / Σ a_k z^{−k} · e^{+jω advance} with z = e^{jω/rate}.

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vibrident.base.errors import InputError
-from vibrident.data.effects import SystematicEffect
+from vibrident.data.effects import EffectKind, SystematicEffect
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -22,7 +22,7 @@ ROWS_PER_OCTAVE = 8
 
 
 def effect_of(
-    source: str, kind: ErrorKind, frequency_hz: FloatArray, change: NDArray[Any]
+    source: str, kind: EffectKind, frequency_hz: FloatArray, change: NDArray[Any]
 ) -> SystematicEffect:
     """Return the effect that changes log K by ``change`` per standard uncertainty, shape (n,)."""
     size = float(np.max(np.abs(change))) or 1.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +13,11 @@ import numpy as np
 from vibrident.base.errors import InputError, unknown
 from vibrident.data.io.columns import Channel, ColumnFile
 from vibrident.data.io.header_units import (
-    file_unit,
+    SourceColumn,
     reference_conversion,
     reference_unit,
     response_conversion,
-    seconds_per_unit,
 )
-from vibrident.data.io.units import split_unit
 from vibrident.data.records import FloatArray
 from vibrident.data.sources.source import Chunk, SourceRequest
 
@@ -97,10 +95,6 @@ class _Header(ColumnFile):
 
     word = "column"
 
-    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Refuse to load: a stream's numbers come in pieces."""
-        raise NotImplementedError(positions)
-
 
 class _LineDecoder:
     """Decoder of CSV, whose first line names the columns if it holds no numbers."""
@@ -159,45 +153,25 @@ class _LineDecoder:
         cells = first.decode("utf-8", "replace").split(separator.decode() or None)
         fields = [cell.strip().strip('"') for cell in cells]
         is_named = not all(_is_number_or_empty(field) for field in fields)
-        names = fields if is_named else []
-        self._positions = [self._locate(key, column, names) for key, column in self._requested]
-        if is_named:
-            self._factors = self._factors_of(names)
+        channels = [Channel(field if is_named else "") for field in fields]
+        header = _Header(Path(self._where), channels, {})
+        self._positions = [header.position_of(column or "", key) for key, column in self._requested]
+        self._factors = self._factors_of(header)
         return is_named
 
-    def _factors_of(self, names: list[str]) -> list[float]:
-        """Return the factors of the units in the names.
-
-        Raises:
-            InputError: units contradict each other.
-        """
-        header = _Header(Path(self._where), [Channel(name) for name in names], {})
+    def _factors_of(self, header: _Header) -> list[float]:
+        """Return the factors of the units in the names; InputError where these contradict."""
         to = self._calibration
-        reference, response, *time = self._positions
-        if max(self._positions) >= len(names):
-            return self._factors
-        unit = reference_unit(to.reference, file_unit(header, reference)[0])
+        first, second, *time_positions = self._positions
+        reference = SourceColumn(header, first, "[reference]")
+        response = SourceColumn(header, second, "[response]")
+        times = [SourceColumn(header, position, "time_column") for position in time_positions]
+        unit = reference_unit(to.reference, reference.file_unit[0])
         return [
-            reference_conversion(header, reference, to.reference, unit).factor,
-            response_conversion(header, response, to.response, to.response.unit).factor,
-            *(seconds_per_unit(header, position) or 1.0 for position in time),
+            reference_conversion(reference, to.reference, unit).factor,
+            response_conversion(response, to.response, to.response.unit).factor,
+            *(time.seconds or 1.0 for time in times),
         ]
-
-    def _locate(self, key: str, column: int | str | None, names: list[str]) -> int:
-        if isinstance(column, int):
-            return column - 1
-        if column in names:
-            return names.index(str(column))
-        plain = [split_unit(name)[0] for name in names]
-        if plain.count(str(column)) == 1:
-            return plain.index(str(column))
-        raise InputError(
-            "A column of the stream is not known.",
-            expected=", ".join(names) or "the number of a column, as its first line holds no names",
-            found=repr(column),
-            where=f"{self._where}, {key}",
-            remedy="give the column's number, counted from 1",
-        )
 
 
 class _FrameDecoder:

@@ -2,27 +2,30 @@
 
 from __future__ import annotations
 
-import contextlib
-import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
-from pydantic_core import from_json
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.columns import MAX_LINE_LENGTH, Channel, ColumnFile, StartTime, unreadable
+from vibrident.data.io.columns import (
+    MAX_LINE_LENGTH,
+    ColumnFile,
+    IntArray,
+    Positions,
+    StartTime,
+    reading,
+)
 from vibrident.data.io.csv_layout import (
+    NO_VALUE,
+    TEXT_OF_COLUMNS,
     CsvLayout,
-    detect_layout,
-    is_number,
     line_too_long,
     open_text,
     refuse_thousands,
-    split_line,
 )
 from vibrident.data.io.plain_text import BLANKS, TAIL_BYTES, PlainText, respelled
 from vibrident.data.io.reader import Reader
@@ -35,9 +38,9 @@ _CHUNK_BYTES = 1 << 20  # counting needs ten times as much memory
 _NEWLINE = ord("\n")
 
 
-def row_lines(text: PlainText, file: str, layout: CsvLayout) -> NDArray[np.int64]:
+def row_lines(text: PlainText, file: str, layout: CsvLayout) -> IntArray:
     """Return the line number, from 1, of every row; InputError for one of other fields."""
-    numbers: list[NDArray[np.int64]] = []
+    numbers: list[IntArray] = []
     line = layout.first_line
     with text.open() as stream:
         stream.seek(layout.offset)
@@ -67,10 +70,7 @@ def numbered_rows(text: PlainText, layout: CsvLayout) -> Iterator[tuple[int, lis
         stream.seek(layout.offset)
         for number, line in enumerate(stream, start=layout.first_line):
             if line.strip():
-                yield (
-                    number,
-                    split_line(line.decode(layout.encoding, errors="replace"), layout.delimiter),
-                )
+                yield number, layout.split(line.decode(layout.encoding, errors="replace"))
 
 
 def _chunks_of_lines(stream: BinaryIO) -> Iterator[bytes | None]:
@@ -88,83 +88,42 @@ def _chunks_of_lines(stream: BinaryIO) -> Iterator[bytes | None]:
         yield remainder
 
 
-def _field_counts(chunk: bytes, layout: CsvLayout) -> NDArray[np.int64]:
+def _field_counts(chunk: bytes, layout: CsvLayout) -> IntArray:
     """Return the number of fields of each line; 0 for a blank line."""
+    lines = chunk.removesuffix(b"\n").split(b"\n")
     if b'"' in chunk:
-        lines = chunk.decode(layout.encoding, errors="replace").removesuffix("\n").split("\n")
-        counts = [len(split_line(line, layout.delimiter)) if line.strip() else 0 for line in lines]
-        return np.array(counts, dtype=np.int64)
-    bytes_ = np.frombuffer(chunk, dtype=np.uint8)
-    if (
-        layout.delimiter != BLANKS
-        and layout.fields > 1
-        and (rows := _complete_rows(bytes_, layout))
-    ):
-        return np.full(rows, layout.fields)
-    ends = np.flatnonzero(bytes_ == _NEWLINE)
-    starts = (
-        np.concatenate(([0], ends + 1))
-        if chunk[-1] != _NEWLINE
-        else np.concatenate(([0], ends[:-1] + 1))
-    )
-    ink = bytes_ > ord(" ")
-    if layout.delimiter == BLANKS:
-        begins = ink.copy()
-        begins[1:] &= ~ink[:-1]
-        return np.add.reduceat(begins, starts, dtype=np.int64)
-    separators = bytes_ == ord(layout.delimiter)
-    counts = np.add.reduceat(separators, starts, dtype=np.int64)
-    filled = np.logical_or.reduceat(ink | separators, starts)
-    return np.where(filled, counts + 1, 0)
-
-
-def _complete_rows(bytes_: NDArray[np.uint8], layout: CsvLayout) -> int:
-    """Return the number of lines if each is complete and has the layout's fields; else 0."""
-    delimiter = ord(layout.delimiter)
-    marks = bytes_[(bytes_ == delimiter) | (bytes_ == _NEWLINE)]
-    if marks.size % layout.fields or bytes_[-1] != _NEWLINE:
-        return 0
-    rows = marks.reshape(-1, layout.fields)
-    return len(rows) if np.all(rows[:, -1] == _NEWLINE) and np.all(rows[:, :-1] == delimiter) else 0
+        texts = [line.decode(layout.encoding, errors="replace") for line in lines]
+        counts = [len(layout.split(text)) if text.strip() else 0 for text in texts]
+    elif layout.delimiter == BLANKS:
+        counts = [len(line.split()) for line in lines]
+    else:
+        gap = layout.delimiter.encode()
+        counts = [line.count(gap) + 1 if gap in line or line.strip() else 0 for line in lines]
+    return np.array(counts, dtype=np.int64)
 
 
 MAX_LIGHT_BYTES = 1 << 20  # files up to this size are read without pandas: loading it takes longer
 PLAIN = b"0123456789+-eE\n"  # numbers and lines, beside delimiter and decimal sign
-#: What pandas takes for a missing value.
-_NO_VALUE = frozenset({
-    "", "NaN", "nan", "-NaN", "-nan", "NA", "N/A", "n/a", "NULL", "null", "None", "<NA>", "#N/A",
-    "#NA", "#N/A N/A", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN",
-})  # fmt: skip
-
-
-def _better_by_pandas(path: Path) -> bool:
-    """Return whether pandas is faster: it is loaded already, or the file is large."""
-    return "pandas" in sys.modules or path.stat().st_size > MAX_LIGHT_BYTES
 
 
 class CsvFile(ColumnFile):
     """A text file of columns: layout from its first lines, numbers from pandas' C parser."""
 
+    expected = TEXT_OF_COLUMNS
     word = "column"
 
     def __init__(self, path: Path) -> None:
-        self._text = open_text(path, str(path))
-        self._layout: CsvLayout = detect_layout(self._text, str(path))
+        self._text, self._layout = open_text(path)
         self._parsed: dict[int, Stamps] = {}
-        facts = self._layout.facts
+        layout = self._layout
         channels = [
-            Channel(
-                name,
-                clock=facts.clocks[column],
-                unit=without_brackets(self._layout.units[column]) or facts.units[column],
-                over_frequency=facts.over_frequency[column],
-            )
-            for column, name in enumerate(self._layout.names)
+            replace(channel, name=name, unit=without_brackets(unit) or channel.unit)
+            for channel, name, unit in zip(layout.facts, layout.names, layout.units, strict=True)
         ]
         super().__init__(path, channels, {})
 
     @cached_property
-    def _row_lines(self) -> NDArray[np.int64]:
+    def _row_lines(self) -> IntArray:
         try:
             return row_lines(self._text, self.file, self._layout)
         except InputError:
@@ -184,49 +143,41 @@ class CsvFile(ColumnFile):
         """Return whether the column holds times of day, with or without dates."""
         return position < len(self._first_row) and is_stamp(self._first_row[position])
 
-    def start(self, position: int) -> StartTime | None:
-        """Return the time of a column's first row: its own stamp, or the head's statement."""
-        if not self.in_seconds(position):
-            return super().start(position)
-        stamps = self._stamps([position])[0]
+    def _first_date(self, position: int) -> StartTime:
+        stamps = self._stamps(position)
         return StartTime(int(stamps.ns[0]), epoch=stamps.dated)
 
-    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
+    def load(self, positions: Positions) -> tuple[FloatArray, ...]:
         """Parse these columns; each has shape (rows,).
 
         An empty cell is NaN; a time of day is in seconds since the first.
         """
-        stamps = [position for position in positions if self.in_seconds(position)]
-        numbers = [position for position in positions if position not in stamps]
-        columns = dict(zip(numbers, self._load_numbers(numbers) if numbers else (), strict=True))
-        times = [parsed.elapsed_s for parsed in self._stamps(stamps)]
-        columns.update(zip(stamps, times, strict=True))
-        return tuple(columns[position] for position in positions)
+        with reading(self._path, self.expected):
+            numbers = [position for position in positions if not self.in_seconds(position)]
+            loaded = self._load_numbers(numbers) if numbers else ()
+            columns = dict(zip(numbers, loaded, strict=True))
+            return tuple(
+                columns[position] if position in columns else self._stamps(position).elapsed_s
+                for position in positions
+            )
 
     @cached_property
     def _first_row(self) -> list[str]:
-        try:
+        with reading(self._path, self.expected):
             return next((cells for _, cells in numbered_rows(self._text, self._layout)), [])
-        except OSError as error:
-            raise unreadable(self.file, error, "a text file of columns") from error
 
-    def _stamps(self, positions: Sequence[int]) -> list[Stamps]:
-        """Return columns of times of day, which are kept."""
-        unparsed = [position for position in positions if position not in self._parsed]
-        if unparsed:
+    def _stamps(self, position: int) -> Stamps:
+        """Return a column of times of day, which is kept."""
+        if position not in self._parsed:
             size = self._row_lines.size  # which refuses uneven rows
-            rows = numbered_rows(self._text, self._layout)
-            spans = [self._span(position) for position in unparsed]
-            columns = [
-                *zip(*([" ".join(cells[s]) for s in spans] for _, cells in rows), strict=True)
-            ]
-            for position, cells in zip(unparsed, columns, strict=True):
-                if len(cells) != size:
-                    raise self._torn_rows(len(cells))
-                self._parsed[position] = parse_stamps(
-                    cells, _NO_VALUE, lambda row, position=position: self.locate(position, row)
-                )
-        return [self._parsed[position] for position in positions]
+            span = self._span(position)
+            cells = [" ".join(row[span]) for _, row in numbered_rows(self._text, self._layout)]
+            if len(cells) != size:
+                raise self._torn_rows(len(cells))
+            self._parsed[position] = parse_stamps(
+                cells, NO_VALUE, lambda row: self.locate(position, row)
+            )
+        return self._parsed[position]
 
     def _span(self, position: int) -> slice:
         """Return the cells of a stamp: a date, the time, and AM, PM or a zone."""
@@ -248,26 +199,22 @@ class CsvFile(ColumnFile):
             remedy="export the data without line ends inside cells",
         )
 
-    def _load_numbers(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
+    def _load_numbers(self, positions: Positions) -> tuple[FloatArray, ...]:
         try:
             self._refuse_summary()
-            try:
-                return self._load_quickly(positions)
-            except (ValueError, TypeError, OverflowError) as error:
-                if not self._clean():
-                    raise self._text_error(positions, error) from error
             return self._load_quickly(positions)
-        except OSError as error:
-            raise unreadable(self.file, error, "a text file of columns") from error
         except (ValueError, TypeError, OverflowError) as error:
-            raise self._text_error(positions, error) from error
+            if not self._clean():
+                raise self._text_error(positions, error) from error
+        return self._load_numbers(positions)
 
-    def _load_quickly(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
+    def _load_quickly(self, positions: Positions) -> tuple[FloatArray, ...]:
         """Return columns of numbers; ValueError and its like for other text."""
         rows = self._row_lines.size
-        plain_columns = self._plain_columns(positions)
-        if plain_columns is not None:
-            return plain_columns
+        fields = self._layout.fields
+        if self._numbers is not None and self._numbers.size == rows * fields:
+            table = self._numbers.reshape(rows, fields)
+            return tuple(table[:, position].copy() for position in positions)
         frame = self._parse(sorted(set(positions)))  # pandas.errors.ParserError is a ValueError
         if len(frame) != rows:
             raise self._torn_rows(len(frame))
@@ -281,21 +228,14 @@ class CsvFile(ColumnFile):
         name = self.names[position]
         return f"column {position + 1}" + (f" ({name!r})" if name else "")
 
-    def _plain_columns(self, positions: Sequence[int]) -> tuple[FloatArray, ...] | None:
-        """Return the columns of a small purely numeric file; None if it needs the parser."""
-        if (
-            self._numbers is None
-            or self._numbers.size != self._row_lines.size * self._layout.fields
-        ):
-            return None
-        table = self._numbers.reshape(-1, self._layout.fields)
-        return tuple(table[:, position].copy() for position in positions)
-
     @cached_property
     def _numbers(self) -> FloatArray | None:
-        """Return all numbers of the file in a row, without loading pandas."""
+        """Return all numbers of a small file in a row; None if it needs the parser of pandas.
+
+        An empty cell shows in their count.
+        """
         layout = self._layout
-        if _better_by_pandas(self._path):
+        if self._path.stat().st_size > MAX_LIGHT_BYTES:
             return None
         data = self._text.read()[layout.offset :]
         if b"\r" in data:  # one sign is sought far quicker than two
@@ -307,12 +247,6 @@ class CsvFile(ColumnFile):
         blanks = b" \t" if layout.delimiter == BLANKS else b""
         if data.translate(None, PLAIN + signs + blanks):
             return None
-        # An empty cell shows in the count.
-        # Most are numbers of JSON, too, whose parser takes half the time.
-        with contextlib.suppress(ValueError, OverflowError):
-            listed = data.strip().translate(bytes.maketrans(signs + b" \n", b",.,,"))
-            # Each is the nearest float, as in pandas.
-            return np.array(from_json(b"[%b]" % listed), dtype=float)
         try:
             # Delimiters become blanks, which no cell contains.
             return np.fromstring(data.translate(bytes.maketrans(signs, b" .")), sep=" ")
@@ -348,13 +282,12 @@ class CsvFile(ColumnFile):
         with self._text.open() as stream:
             size = stream.seek(0, 2)
             stream.seek(max(self._layout.offset, size - TAIL_BYTES))
-            tail = stream.read().decode(self._layout.encoding, errors="replace").splitlines()
-        last = next((line for line in reversed(tail) if line.strip()), "")
+            tail = stream.read().decode(self._layout.encoding, errors="replace")
+        last = tail.rstrip().rpartition("\n")[2]
         first = self._first_row[0] if self._first_row else ""
-        gap = self._layout.delimiter
-        word = split_line(respelled(last, gap), gap)[0] if last.strip() else ""
-        numeric = is_number(first, self._layout.decimal) or is_stamp(first)
-        if word[:1].isalpha() and word not in _NO_VALUE and numeric:
+        word = (self._layout.split(respelled(last, self._layout.delimiter)) or [""])[0]
+        numeric = self._layout.is_number(first) or is_stamp(first)
+        if word[:1].isalpha() and word not in NO_VALUE and numeric:
             raise InputError(
                 "The last row of the file is not like the others.",
                 expected=f"rows that begin with a number, as line {self._layout.first_line} does",
@@ -363,13 +296,13 @@ class CsvFile(ColumnFile):
                 remedy="remove the lines below the data, such as mean and maximum",
             )
 
-    def _text_error(self, positions: Sequence[int], error: Exception) -> InputError:
+    def _text_error(self, positions: Positions, error: Exception) -> InputError:
         """Return the error of the first cell that the parser refused."""
         sign = self._layout.decimal
         for line, cells in numbered_rows(self._text, self._layout):
             for position in positions:
                 cell = cells[position]
-                if cell not in _NO_VALUE and not is_number(cell, sign):
+                if cell not in NO_VALUE and not self._layout.is_number(cell):
                     where = f"{self.file}, line {line}, {self._column(position)}"
                     refuse_thousands(cell, where)
                     return InputError(

@@ -10,9 +10,9 @@ import math
 import warnings
 import zipfile
 from array import array
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, date, datetime, time, timedelta
+from datetime import datetime, time, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -28,19 +28,14 @@ from vibrident.data.io.columns import (
     require_room,
 )
 from vibrident.data.io.reader import Reader
-from vibrident.data.io.stated import (
-    Statement,
-    clock_of,
-    meaning_of,
-    start_of,
-    statements,
-)
-from vibrident.data.io.units import is_no_unit, parse_unit
+from vibrident.data.io.text_head import HeadLine, read_head
+from vibrident.data.io.title_rows import names_and_units
+from vibrident.data.io.units import without_brackets
 from vibrident.data.records import FloatArray
 
-_EXPECTED = "an Excel workbook (.xlsx) whose sheets have columns of numbers"
 _MAX_HEAD_ROWS = 200  # above the names
 _ERRORS = frozenset({"#N/A", "#DIV/0!", "#VALUE!", "#REF!", "#NAME?", "#NUM!", "#NULL!"})
+_GAP = "\t"  # between the cells of a head, which is read as that of a text file
 _Row = Sequence[Any]
 
 
@@ -48,37 +43,35 @@ _Row = Sequence[Any]
 class _SheetColumn:
     """The cells of a column, as they come."""
 
-    title: str
-    unit: str
-    values: array[float] = field(default_factory=lambda: array("d"))
+    values: array[float]
     first: datetime | None = None  # of a column of dates
     kinds: set[str] = field(default_factory=set)  # "number", "time", or a text of the column
     filled: int = 0  # rows without the empty ones at the end
 
     def add(self, cell: Any) -> None:
         """Append a cell; dates as seconds since the first, empty ones and errors as NaN."""
-        value = math.nan
+        kind = "number" if _is_number(cell) else f"text such as {str(cell)[:40]!r}"
         if isinstance(cell, datetime):
             self.first = self.first or cell
-            value = (cell - self.first).total_seconds()
-        elif isinstance(cell, timedelta):
-            value = cell.total_seconds()
+            cell -= self.first
         elif isinstance(cell, time):
-            since_midnight = datetime.combine(date.min, cell) - datetime.min
-            value = since_midnight.total_seconds()
-        elif _is_number(cell) and cell not in _ERRORS:
+            cell = datetime.combine(datetime.min, cell) - datetime.min
+        value = math.nan
+        if isinstance(cell, timedelta):
+            kind = "time"
+            value = cell.total_seconds()
+        elif kind == "number" and cell not in _ERRORS:
             value = float(cell)
         self.values.append(value)
-        self.filled = self.filled if cell is None else len(self.values)
-        if isinstance(cell, datetime | timedelta | time):
-            self.kinds.add("time")
-        elif cell is not None:
-            self.kinds.add("number" if _is_number(cell) else f"text such as {str(cell)[:40]!r}")
+        if cell is not None:
+            self.kinds.add(kind)
+            self.filled = len(self.values)
 
 
 class ExcelFile(ColumnFile):
     """A workbook, values as they were last computed; a cell without a number becomes NaN."""
 
+    expected = "an Excel workbook (.xlsx) whose sheets have columns of numbers"
     word = "column"
 
     def __init__(self, path: Path) -> None:
@@ -87,7 +80,7 @@ class ExcelFile(ColumnFile):
         refused: dict[str, str] = {}
         self._sheets: list[str] = []
         self._numbered = 0
-        with reading(path, _EXPECTED):
+        with reading(path, self.expected):
             with zipfile.ZipFile(path) as packed:  # a small file may unpack to a large one
                 require_room(path, sum(member.file_size for member in packed.infolist()) // 8)
             with warnings.catch_warnings():
@@ -105,30 +98,36 @@ class ExcelFile(ColumnFile):
         """Return the columns of the first sheet."""
         return tuple(range(self._numbered))
 
-    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Read these columns; each has shape (rows,). Times become seconds since the first."""
-        handles = self._handles(positions)
-        return tuple(np.array(values, dtype=np.float64) for values in handles)
+    def _read(self, handles: Sequence[array[float]]) -> Iterator[FloatArray]:
+        return (np.array(values, dtype=np.float64) for values in handles)
 
     def _take(
         self, rows: Iterator[_Row], channels: list[Channel], refused: dict[str, str], path: Path
     ) -> None:
         """Append the columns of a sheet, the last of ``_sheets``."""
         is_first = len(self._sheets) == 1
-        sheet_statements, columns = _read_sheet(rows)
-        for number, column in enumerate(columns, start=1):
-            name = column.title
-            if not is_first:
-                name = f"{self._sheets[-1]}!{name or number}"
+        head, data = _split(rows)
+        columns = _columns(data)
+        count = len(columns)
+        titles = [_texts(row) + [""] * count for row in head]
+        names, units = names_and_units([row for row in titles if any(row)], _GAP, count)
+        lines = [HeadLine(n, _GAP.join(row)) for n, row in enumerate(titles, start=1)]
+        where = f"{path}, sheet {self._sheets[-1]!r}"
+        facts = read_head(lines, _GAP, ".", count, range(count), None, where)
+        for n, column in enumerate(columns):
+            name = names[n] if is_first else f"{self._sheets[-1]}!{names[n] or n + 1}"
             if column.kinds not in ({"number"}, {"time"}):
                 kinds = sorted(column.kinds - {"number"}) or ["no numbers"]
-                refused[name or f"column {number}"] = f"a column with {kinds[-1]}"
+                refused[name or f"column {n + 1}"] = f"a column with {kinds[-1]}"
                 continue
+            unit = without_brackets(units[n]) or facts[n].unit
             is_time = "time" in column.kinds
-            clock = None if is_time else clock_of([sheet_statements], f"{path}, column {name!r}")
-            start = _start_of_dates(column.first) if is_time else start_of([sheet_statements])
+            clock = None if is_time else facts[n].clock
+            start = None
+            if column.first is not None:
+                start = StartTime.on_date(np.datetime64(column.first))
             values = column.values[: column.filled]
-            channels.append(Channel(name, values, clock, is_time, column.unit, start=start))
+            channels.append(Channel(name, values, clock, is_time, unit, start=start))
         if is_first:
             self._numbered = len(channels)
 
@@ -143,25 +142,14 @@ class ExcelFile(ColumnFile):
         return name
 
 
-def _read_sheet(rows: Iterator[_Row]) -> tuple[Mapping[str, Statement], list[_SheetColumn]]:
-    """Return what the rows above the names of a sheet state, and its columns."""
-    head, data = _split(rows)
-    sheet_statements = statements(dict(pair for row in head for pair in _statement(row)))
-    titles = _texts(head[-1]) if head else []
-    units: list[str] = []
-    if len(head) > 1 and _are_units(titles) and any(_texts(head[-2])):
-        units = [unit.strip("[](){} ") for unit in titles]
-        titles = _texts(head[-2])
+def _columns(rows: Iterable[_Row]) -> list[_SheetColumn]:
     columns: list[_SheetColumn] = []
-    for count, row in enumerate(data):
+    for count, row in enumerate(rows):
         while len(columns) < len(row):
-            n = len(columns)
-            title = titles[n] if n < len(titles) else ""
-            columns.append(_SheetColumn(title, units[n] if n < len(units) else ""))
-            columns[n].values.extend(itertools.repeat(math.nan, count))
+            columns.append(_SheetColumn(array("d", itertools.repeat(math.nan, count))))
         for column, cell in itertools.zip_longest(columns, row):
             column.add(cell)
-    return sheet_statements, columns
+    return columns
 
 
 def _split(rows: Iterator[_Row]) -> tuple[list[_Row], Iterable[_Row]]:
@@ -169,51 +157,23 @@ def _split(rows: Iterator[_Row]) -> tuple[list[_Row], Iterable[_Row]]:
 
     A row of a text and one number, such as "Serial number" and 1234, is above them if names follow.
     """
-    rows = itertools.dropwhile(_is_empty, rows)
     above: list[_Row] = []
     for row in rows:
         above.append(row)
-        numbers = sum(_is_number(cell) for cell in row)
+        numbers = sum(map(_is_number, row))
         first = next((cell for cell in row if cell is not None), None)
         if numbers > 1 or (numbers and _is_number(first)) or len(above) == _MAX_HEAD_ROWS:
             break
-    has_numbers = [any(_is_number(cell) for cell in row) for row in above]
-    titles = [
-        n
-        for n, row in enumerate(above[:-1])
-        if not has_numbers[n] and not _is_empty(row) and has_numbers[n + 1]
+    with_numbers = [n for n, row in enumerate(above) if any(map(_is_number, row))]
+    below_names = [
+        n for n in with_numbers if n and n - 1 not in with_numbers and any(_texts(above[n - 1]))
     ]
-    start = titles[-1] + 1 if titles else next((n for n, has in enumerate(has_numbers) if has), 0)
-    head = [row for row in above[:start] if not _is_empty(row)]
-    return head, itertools.chain(above[start:], rows)
-
-
-def _statement(row: _Row) -> Iterator[tuple[str, Any]]:
-    """Yield the statement of a row of the head: a name, its value, and perhaps a unit."""
-    filled = [cell for cell in row if cell is not None]
-    if len(filled) == 1 and isinstance(filled[0], str):
-        name, _, value = filled[0].replace("=", ":", 1).partition(":")
-        filled = [name, value.strip()]
-    if len(filled) in (2, 3) and isinstance(filled[0], str) and filled[1] != "":
-        name = filled[0].strip(" :=")
-        if len(filled) == 3:
-            name = f"{name} {filled[2]}"
-        if meaning_of(name)[0] in ("rate", "interval", "start"):
-            yield name, filled[1]
+    start = (below_names[-1:] or with_numbers or [0])[0]
+    return above[:start], itertools.chain(above[start:], rows)
 
 
 def _texts(row: _Row) -> list[str]:
     return ["" if cell is None else str(cell).strip() for cell in row]
-
-
-def _are_units(row: Sequence[str]) -> bool:
-    """Return whether the cells of a row are units, or words for none."""
-    units = [unit for unit in row if parse_unit(unit) is not None]
-    return bool(units) and all(is_no_unit(unit) or unit in units for unit in row)
-
-
-def _is_empty(row: _Row) -> bool:
-    return all(cell is None for cell in row)
 
 
 def _is_number(cell: Any) -> bool:
@@ -223,13 +183,6 @@ def _is_number(cell: Any) -> bool:
     return isinstance(cell, int | float | datetime | timedelta | time) and not isinstance(
         cell, bool
     )
-
-
-def _start_of_dates(first: datetime | None) -> StartTime | None:
-    if first is None:
-        return None
-    since = first.replace(tzinfo=UTC) - datetime(1970, 1, 1, tzinfo=UTC)
-    return StartTime(since // timedelta(microseconds=1) * 1000, epoch=True)
 
 
 EXCEL = Reader(name="excel", title="Excel", endings=(".xlsx", ".xlsm"), open=ExcelFile)

@@ -16,9 +16,15 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.base.errors import InputError
 from vibrident.data.io.arrays import ArrayColumn, ArrayFile, channels_of, columns_of
-from vibrident.data.io.columns import Channel, Clock, StartTime, reading, require_few, require_room
+from vibrident.data.io.columns import (
+    Channel,
+    Positions,
+    StartTime,
+    reading,
+    require_few,
+    require_room,
+)
 from vibrident.data.io.hdf5_attributes import (
     axes_of,
     external_reason,
@@ -26,14 +32,12 @@ from vibrident.data.io.hdf5_attributes import (
     packing_of,
     text_attribute,
 )
-from vibrident.data.io.header_units import is_time, seconds_per_unit
+from vibrident.data.io.header_units import SourceColumn, is_time
 from vibrident.data.io.reader import Reader
-from vibrident.data.io.stated import Statement, is_frequency, seconds_since, unit_of
-from vibrident.data.io.timeline import clock_from_times
+from vibrident.data.io.stated import Level, Levels, is_frequency, seconds_since, unit_of
 from vibrident.data.io.units import factor_between
 from vibrident.data.records import FloatArray
 
-_EXPECTED = "an HDF5 file with datasets of real numbers"
 _PIECE_NUMBERS = 1 << 20  # numbers that are read at once
 #: netCDF's name of a dimension that has no coordinates; its numbers mean nothing.
 _NO_COORDINATES = "This is a netCDF dimension but not a netCDF variable"
@@ -42,12 +46,13 @@ _NO_COORDINATES = "This is a netCDF dimension but not a netCDF variable"
 class Hdf5File(ArrayFile):
     """An HDF5 file. Only the datasets that are needed are read."""
 
+    expected = "an HDF5 file with datasets of real numbers"
     separator = "/"  # of the groups in a name
 
     def __init__(self, path: Path) -> None:
         import h5py
 
-        columns: list[ArrayColumn] = []
+        columns: dict[str, tuple[ArrayColumn, ...]] = {}  # by array
         refused: dict[str, str] = {}
 
         def visit(array: str, item: Any) -> None:
@@ -57,39 +62,39 @@ class Hdf5File(ArrayFile):
             name = array.replace("/", self.separator)
             reason = _reason_against(item)
             usable = () if reason else columns_of(array, name, item.shape, item.dtype)
-            columns.extend(usable)
-            if not usable:
+            if usable:
+                columns[array] = usable
+            else:
                 refused[name] = reason or _no_columns(item)
             require_few(path, [*columns, *refused], "datasets")
 
-        with reading(path, _EXPECTED), h5py.File(path, "r") as file:
+        with reading(path, self.expected), h5py.File(path, "r") as file:
             file.visititems(visit)
-            arrays = list(dict.fromkeys(column.array for column in columns))
-            packing = {
-                array: packing_of(file[array], f"{path}, array {array!r}") for array in arrays
+            self._packing = {
+                array: packing
+                for array in columns
+                if (packing := packing_of(file[array], f"{path}, array {array!r}"))
             }
-            self._axes = axes_of(file, arrays)
-            groups: dict[str, Mapping[str, Statement]] = {}
-            levels = {array: levels_of(file, array, groups) for array in arrays}
-        self._packing = {array: packed for array, packed in packing.items() if packed}
+            self._axes = axes_of(file, [*columns])
+            groups: dict[str, Level] = {}
+            levels = {array: levels_of(file, array, groups) for array in columns}
         self._since: dict[str, tuple[float, StartTime]] = {}  # of arrays of times since a date
-        self._clocks: dict[str, Clock | None] = {}  # by axis
         self._roomy = 0  # most values of a block for which there was room
         channels = [
             channel
-            for array in arrays
-            for channel in self._described([c for c in columns if c.array == array], levels, path)
+            for array, usable in columns.items()
+            for channel in self._described(array, usable, levels, path)
         ]
         super().__init__(path, channels, refused)
 
     def _described(
         self,
+        array: str,
         columns: Sequence[ArrayColumn],
-        levels: Mapping[str, Sequence[Mapping[str, Statement]]],
+        levels: Mapping[str, Levels],
         path: Path,
     ) -> Iterator[Channel]:
         """Yield the channels of one array; over frequency, its axis is one of them."""
-        array = columns[0].array
         axis = self._axes.get(array, "")
         axis_unit = unit_of(levels[axis][0]) if axis else ""
         over_frequency = is_frequency(axis.rsplit("/", 1)[-1], axis_unit)
@@ -105,80 +110,55 @@ class Hdf5File(ArrayFile):
             else:
                 yield channel
 
-    def clock(self, position: int) -> Clock | None:
-        """Return the stated clock, or that of the axis; InputError where these differ, or a gap."""
-        declared = self._channels[position].clock
-        axis = self._time_axis(position)
-        if axis is None:
-            return declared
-        name = self.names[axis]
-        if name not in self._clocks:
-            times_s = self._seconds(axis)
-            clock = clock_from_times(times_s, lambda row: self.locate(axis, row))
-            start = self.start(axis) if self.in_seconds(axis) else None
-            self._clocks[name] = replace(clock, start=start) if clock and start else clock
-        measured = self._clocks[name]
-        if declared is None or measured is None:
-            return measured or declared
-        allowed = declared.rate_rounding + measured.rate_rounding
-        if not math.isclose(declared.rate_hz, measured.rate_hz, rel_tol=allowed):
-            raise InputError(
-                "The file states two sampling rates.",
-                expected=f"{measured.rate_hz!r} Hz, by its axis {name!r}",
-                found=f"{declared.rate_hz!r} Hz in its attributes",
-                where=f"{self.file}, {self.word} {self.names[position]!r}",
-                remedy="correct the attribute or the axis",
-            )
-        return replace(min(declared, measured, key=lambda c: c.rate_rounding), start=measured.start)
-
     def stamps(self, position: int) -> FloatArray | None:
         """Return the times of a column's samples by the axis attached to it, in s; None if none."""
         axis = self._time_axis(position)
         return None if axis is None else self._seconds(axis)
 
     def start(self, position: int) -> StartTime | None:
-        """Return the time of a column's first sample; of times since a date, the first one."""
+        """Return the time of a column's first sample: of times since a date, the first one."""
         import h5py
 
         column: ArrayColumn = self._channels[position].handle
         if column.array not in self._since:
-            return super().start(position)
+            axis = self._time_axis(position)
+            if axis is None:
+                return super().start(position)
+            return self.start(axis) if self.in_seconds(axis) else None
         seconds, zero = self._since[column.array]
         unit_ns = round(seconds * 1e9)
-        with reading(self._path, _EXPECTED), h5py.File(self._path, "r") as file:
+        with reading(self._path, self.expected), h5py.File(self._path, "r") as file:
             first = _first(file[column.array], column)
         ns = int(first) * unit_ns if isinstance(first, np.integer) else round(first * unit_ns)
         return StartTime(zero.ns + ns, epoch=True)
 
-    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Read these columns; each has shape (samples,)."""
+    def _read(self, handles: Sequence[ArrayColumn]) -> tuple[FloatArray, ...]:
         import h5py
 
-        columns: list[ArrayColumn] = self._handles(positions)
-        with reading(self._path, _EXPECTED), h5py.File(self._path, "r") as file:
-            datasets: list[Any] = [file[column.array] for column in columns]
+        with h5py.File(self._path, "r") as file:
+            datasets: list[Any] = [file[column.array] for column in handles]
             require_room(self._path, *_cost(datasets))
             values = tuple(np.empty(max(d.shape), dtype=np.float64) for d in datasets)
-            self._read(file, columns, values, 0, max(target.size for target in values))
+            self._read_into(file, handles, values, 0, max(target.size for target in values))
             return values
 
     def length(self, position: int) -> int:
         """Return the number of samples of a column; nothing is read."""
         return int(max(self._datasets[self._channels[position].handle.array].shape))
 
-    def block(self, positions: Sequence[int], start: int, stop: int) -> FloatArray:
+    def block(self, positions: Positions, start: int, stop: int) -> FloatArray:
         """Return samples of columns from ``start`` up to ``stop``; nothing else is read.
 
         See ColumnFile. Integers of up to 16 bits become float32, which holds them exactly.
         """
-        columns: list[ArrayColumn] = self._handles(positions)
-        with reading(self._path, _EXPECTED):
+        columns: list[ArrayColumn] = [self._channels[p].handle for p in positions]
+        with reading(self._path, self.expected):
             if len(columns) * (stop - start) > self._roomy:
                 require_room(self._path, len(columns) * (stop - start))
                 self._roomy = len(columns) * (stop - start)
             exact = all(self._is_exact_in_single_precision(column.array) for column in columns)
             block: Any = np.empty((len(columns), stop - start), np.float32 if exact else np.float64)
-            self._read(self._datasets, columns, block, start, stop)
+            self._read_into(self._datasets, columns, block, start, stop)
             return block
 
     def reads_parts(self, position: int) -> bool:
@@ -190,7 +170,7 @@ class Hdf5File(ArrayFile):
         """Return the datasets of the file, kept open from the first block on."""
         import h5py
 
-        with reading(self._path, _EXPECTED):
+        with reading(self._path, self.expected):
             return _Datasets(h5py.File(self._path, "r"))
 
     def _time_axis(self, position: int) -> int | None:
@@ -211,14 +191,14 @@ class Hdf5File(ArrayFile):
     def _seconds(self, axis: int) -> FloatArray:
         (times,) = self.load([axis])
         self.require_finite(axis, times, 0, "correct the axis, or give rate_hz")
-        return times * (seconds_per_unit(self, axis) or 1.0)
+        return times * (SourceColumn(self, axis, "time_column").seconds or 1.0)
 
     def _is_exact_in_single_precision(self, array: str) -> bool:
         dtype = self._datasets[array].dtype
         is_small = dtype.kind in "iu" and dtype.itemsize <= 2
         return is_small and array not in self._packing and array not in self._since
 
-    def _read(
+    def _read_into(
         self,
         datasets: Any,
         columns: Sequence[ArrayColumn],

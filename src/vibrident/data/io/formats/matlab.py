@@ -24,10 +24,8 @@ from vibrident.data.io.columns import (
 )
 from vibrident.data.io.formats.hdf5 import Hdf5File
 from vibrident.data.io.reader import Reader
-from vibrident.data.io.stated import Statement, meaning_of, statements
+from vibrident.data.io.stated import Levels, meaning_of, statements
 from vibrident.data.records import FloatArray
-
-_EXPECTED = "a MATLAB file with numeric arrays"
 
 
 def open_matlab_file(path: Path) -> ColumnFile:
@@ -49,59 +47,53 @@ class Matlab73File(Hdf5File):
 class MatlabFile(ArrayFile):
     """A MATLAB file up to version 7.2."""
 
+    expected = "a MATLAB file with numeric arrays"
+
     def __init__(self, path: Path) -> None:
         channels: list[Channel] = []
         refused: dict[str, str] = {}
-        self._numbers: dict[str, int] = {}
-        with reading(path, _EXPECTED):
+        self._arrays: dict[str, mat5.Numbers | np.ndarray] = {}
+        with reading(path, self.expected):
             for name, value, levels in _leaves(_variables(path)):
                 usable = ()
                 if isinstance(value, mat5.Numbers | np.ndarray):
                     is_complex = isinstance(value, mat5.Numbers) and value.is_complex
                     dtype = np.dtype(complex if is_complex else float)
                     usable = columns_of(name, name, value.shape, dtype)
-                    self._numbers[name] = math.prod(value.shape)
+                    self._arrays[name] = value
                 if not usable:
                     refused[name] = _reason_against(value)
                 channels += channels_of(usable, [{}, *levels], str(path))
                 require_few(path, [*channels, *refused], "arrays")
         super().__init__(path, channels, refused)
 
-    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Read these columns; each has shape (samples,)."""
-        columns: list[ArrayColumn] = self._handles(positions)
-        names = {column.array for column in columns}
-        with reading(self._path, _EXPECTED):
-            require_room(self._path, sum(self._numbers[name] for name in names))
-            arrays = {name: samples_first(_array(self._path, name)) for name in names}
-            return tuple(np.array(c.values_in(arrays[c.array]), dtype=np.float64) for c in columns)
-
-
-def _is_version_4(path: Path) -> bool:
-    with path.open("rb") as stream:
-        return 0 in stream.read(4)  # later ones begin with a text
+    def _read(self, handles: Sequence[ArrayColumn]) -> Iterator[FloatArray]:
+        values = {column.array: self._arrays[column.array] for column in handles}
+        require_room(self._path, sum(math.prod(value.shape) for value in values.values()))
+        arrays = {name: samples_first(_array(value)) for name, value in values.items()}
+        for column in handles:
+            yield np.array(column.values_in(arrays[column.array]), dtype=np.float64)
 
 
 def _variables(path: Path) -> dict[str, Any]:
     """Return name → variable of a file of any version but 7.3."""
     import scipy.io
 
-    if not _is_version_4(path):
-        return mat5.read_variables(path)
+    with path.open("rb") as stream:
+        if 0 not in stream.read(4):  # version 5 or later begins with a text
+            return mat5.read_variables(path)
     contents = scipy.io.whosmat(path, appendmat=False)
     require_room(path, sum(math.prod(shape) for _, shape, _ in contents))
     return scipy.io.loadmat(path, appendmat=False, variable_names=[name for name, *_ in contents])
 
 
-def _array(path: Path, name: str) -> Any:
-    if _is_version_4(path):
-        return _variables(path)[name]
-    return mat5.read_numbers(path, name.split("."))
+def _array(value: mat5.Numbers | np.ndarray) -> np.ndarray:
+    return value.array() if isinstance(value, mat5.Numbers) else value
 
 
 def _leaves(
-    tree: Mapping[str, Any], prefix: str = "", outer: Sequence[Mapping[str, Statement]] = ()
-) -> Iterator[tuple[str, Any, list[Mapping[str, Statement]]]]:
+    tree: Mapping[str, Any], prefix: str = "", outer: Levels = ()
+) -> Iterator[tuple[str, Any, Levels]]:
     """Yield name, value and the statements about it, nearest first, of all but structures."""
     values = {name: _statement_value(value) for name, value in tree.items() if meaning_of(name)[0]}
     levels = [statements({n: value for n, value in values.items() if value is not None}), *outer]
@@ -115,9 +107,7 @@ def _leaves(
 def _statement_value(value: Any) -> Any:
     """Return the number or the text that a variable holds; None for a column."""
     if isinstance(value, mat5.Numbers | np.ndarray):
-        if math.prod(value.shape) != 1:
-            return None
-        return value.array() if isinstance(value, mat5.Numbers) else value
+        return _array(value) if math.prod(value.shape) == 1 else None
     return value if isinstance(value, str | list) else None
 
 

@@ -22,20 +22,16 @@ import numpy as np
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import (
     Channel,
-    Clock,
     ColumnFile,
     StartTime,
     library,
     reading,
     real_numbers,
     reason_against_type,
-    require_room,
 )
 from vibrident.data.io.reader import Reader
-from vibrident.data.io.timeline import clock_from_times
 from vibrident.data.records import FloatArray
 
-_EXPECTED = "an MDF file of measured signals, written to its end"
 #: Conversion types by the number in the file: none, linear, rational, tables of numbers; in version
 #: 3 also polynomial, exponential and logarithmic. Formulas (3; 10 in version 3) and texts are not
 #: among them.
@@ -46,10 +42,11 @@ _FORMULA = {4: 3, 3: 10}
 class MdfFile(ColumnFile):
     """MDF file; values are converted as the file says."""
 
+    expected = "an MDF file of measured signals, written to its end"
+
     def __init__(self, path: Path) -> None:
         self._path = path
         self._mdf = library("asammdf", "mdf", path).MDF
-        self._clocks: dict[int, Clock | None] = {}
         channels: list[Channel] = []
         refused: dict[str, str] = {}
         with self._opened() as file:
@@ -58,26 +55,11 @@ class MdfFile(ColumnFile):
                     refused[name] = reason
                 else:
                     unit = _unit(file.groups[group].channels[index])
-                    channels.append(Channel(name, (group, index), unit=unit))
-            self._zero_ns = _zero_ns(file.header.start_time)
+                    samples = file.groups[group].channel_group.cycles_nr
+                    channels.append(Channel(name, (group, index), unit=unit, samples=samples))
+            starts = {group: _start(file, group) for group, _ in (c.handle for c in channels)}
+        channels = [replace(channel, start=starts[channel.handle[0]]) for channel in channels]
         super().__init__(path, channels, refused)
-
-    def clock(self, position: int) -> Clock | None:
-        """Return the rate by regression over the time stamps of the channel's group.
-
-        It starts with the first stamp after the start of the measurement. InputError: a gap.
-        """
-        group, _ = self._channels[position].handle
-        if group not in self._clocks:
-            times_s = self.stamps(position)
-            clock = clock_from_times(
-                times_s, lambda row: f"time stamp of {self.locate(position, row)}"
-            )
-            if clock is not None and self._zero_ns is not None:
-                start = StartTime(self._zero_ns + round(float(times_s[0]) * 1e9), epoch=True)
-                clock = replace(clock, start=start)
-            self._clocks[group] = clock
-        return self._clocks[group]
 
     def stamps(self, position: int) -> FloatArray:
         """Return the times of a channel's samples, in s after the start of the measurement."""
@@ -85,14 +67,9 @@ class MdfFile(ColumnFile):
         with self._opened() as file:
             return real_numbers(file.get_master(group))
 
-    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Read these channels; each has shape (samples,)."""
+    def _read(self, handles: Sequence[tuple[int, int]]) -> Iterator[FloatArray]:
         with self._opened() as file:
-            handles = self._handles(positions)
-            require_room(
-                self._path, sum(file.groups[group].channel_group.cycles_nr for group, _ in handles)
-            )
-            return tuple(_signal(file, *handle) for handle in handles)
+            yield from (_signal(file, *handle) for handle in handles)
 
     @contextmanager
     def _opened(self) -> Iterator[Any]:
@@ -100,7 +77,7 @@ class MdfFile(ColumnFile):
 
         Logged bus traffic, whose databases are code, is ignored.
         """
-        with reading(self._path, _EXPECTED):
+        with reading(self._path, self.expected):
             try:
                 with (
                     self._path.open("rb") as stream,
@@ -160,12 +137,15 @@ def _unit(channel: Any) -> str:
     return next((str(unit).strip(" \0\t\r\n") for unit in units if unit), "")
 
 
-def _zero_ns(start: datetime) -> int | None:
-    """Return when the measurement started, in ns of the epoch; None if the file does not say."""
+def _start(file: Any, group: int) -> StartTime | None:
+    """Return the time of a group's first sample; None if the file does not say when it started."""
+    start: datetime = file.header.start_time
     zoned = start if start.tzinfo else start.replace(tzinfo=UTC)
-    since = zoned - datetime(1970, 1, 1, tzinfo=UTC)
-    whole_us = since // timedelta(microseconds=1)
-    return whole_us * 1000 if whole_us > 0 else None
+    since_us = (zoned - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(microseconds=1)
+    if since_us <= 0:
+        return None
+    (first_s,) = real_numbers(file.get_master(group, record_count=1))
+    return StartTime(since_us * 1000 + round(float(first_s) * 1e9), epoch=True)
 
 
 def _generation(file: Any) -> int:
@@ -206,11 +186,8 @@ def _signal(file: Any, group: int, index: int) -> FloatArray:
         raise ValueError("the file has changed since it was opened")
     signal = file.get(group=group, index=index, ignore_invalidation_bits=True)
     values = real_numbers(signal.samples)
-    declared_samples = file.groups[group].channel_group.cycles_nr
-    if values.size != declared_samples:
-        raise ValueError(f"{values.size} of {declared_samples} samples")
     valid = file.get(group=group, index=index)
-    if valid.samples.size != declared_samples:
+    if valid.samples.size != values.size:
         values[~np.isin(signal.timestamps, valid.timestamps)] = np.nan
     return values
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from vibrident.data.io.columns import (
     Channel,
     Clock,
     ColumnFile,
+    Positions,
     StartTime,
     library,
     reading,
@@ -25,54 +26,50 @@ from vibrident.data.records import FloatArray
 
 #: Samples read beyond either end of a part, whose times are rounded.
 _MARGIN = 1
-_MINISEED = "a miniSEED file of channels without gaps"
 
 
 class MiniSeedFile(ColumnFile):
     """A miniSEED file; channels are named "NET.STA.LOC.CHA" and count a converter's steps."""
 
+    expected = "a miniSEED file of channels without gaps"
+
     def __init__(self, path: Path) -> None:
         self._obspy = library("obspy", "seismic", path)
         traces: dict[str, list[Any]] = {}
-        with reading(path, _MINISEED):
+        with reading(path, self.expected):
             for trace in self._traces(path, headonly=True):
                 traces.setdefault(trace.id, []).append(trace)
-            self._lengths = {
-                name: sum(int(trace.stats.npts) for trace in segments)
-                for name, segments in traces.items()
-            }
+            self._samples = sum(
+                int(trace.stats.npts) for trace in itertools.chain(*traces.values())
+            )
             self._starts = {name: segments[0].stats.starttime for name, segments in traces.items()}
             refused = {
                 name: reason for name, segments in traces.items() if (reason := _gap(segments))
             }
             channels = [
-                Channel(name, name, _clock(segments[0].stats), unit="counts")
+                Channel(
+                    name,
+                    name,
+                    _clock(segments[0].stats),
+                    unit="counts",
+                    samples=sum(int(trace.stats.npts) for trace in segments),
+                )
                 for name, segments in traces.items()
                 if name not in refused
             ]
         super().__init__(path, channels, refused)
 
-    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Read these channels; each has shape (samples,)."""
-        with reading(self._path, _MINISEED):
-            count = sum(int(trace.stats.npts) for trace in self._traces(self._path, headonly=True))
-            require_room(self._path, count)
-            traces = self._traces(self._path, headonly=False)
-            names = self._handles(positions)
-            return tuple(
-                np.concatenate([real_numbers(trace.data) for trace in traces if trace.id == name])
-                for name in names
-            )
-
-    def length(self, position: int) -> int:
-        """Return the number of samples of a channel, from the headers."""
-        return self._lengths[self._channels[position].handle]
+    def _read(self, handles: Sequence[str]) -> Iterator[FloatArray]:
+        require_room(self._path, self._samples)
+        traces = self._traces(self._path, headonly=False)
+        for name in handles:
+            yield np.concatenate([real_numbers(t.data) for t in traces if t.id == name])
 
     def reads_parts(self, position: int) -> bool:
         """Return True: the headers of a file's blocks tell their times."""
         return True
 
-    def block(self, positions: Sequence[int], start: int, stop: int) -> FloatArray:
+    def block(self, positions: Positions, start: int, stop: int) -> FloatArray:
         """Return samples of channels from ``start`` up to ``stop``; only these are unpacked.
 
         See ColumnFile.
@@ -84,7 +81,7 @@ class MiniSeedFile(ColumnFile):
             interval_s = 1.0 / channel.clock.rate_hz
             begin = self._starts[channel.handle] + (start - _MARGIN) * interval_s
             end = self._starts[channel.handle] + (stop - 1 + _MARGIN) * interval_s
-            with reading(self._path, _MINISEED):
+            with reading(self._path, self.expected):
                 segments = [
                     trace
                     for trace in self._traces(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,16 +33,16 @@ from vibrident.data.io.stated import (
 )
 from vibrident.data.records import FloatArray
 
-_EXPECTED = "a Parquet file with columns of numbers"
-
 
 class ParquetFile(ColumnFile):
     """A Parquet file. Only the columns that are needed are read; a missing value becomes NaN."""
 
+    expected = "a Parquet file with columns of numbers"
+
     def __init__(self, path: Path) -> None:
         self._parquet = library("pyarrow.parquet", "parquet", path)
         types = library("pyarrow.types", "parquet", path)
-        with reading(path, _EXPECTED), self._parquet.ParquetFile(path) as file:
+        with reading(path, self.expected), self._parquet.ParquetFile(path) as file:
             schema = file.schema_arrow
         channels: list[Channel] = []
         refused: dict[str, str] = {}
@@ -67,28 +67,20 @@ class ParquetFile(ColumnFile):
             channels.append(Channel(name, name, clock, is_time, unit, start=start_of(levels)))
         super().__init__(path, channels, refused)
 
-    def start(self, position: int) -> StartTime | None:
-        """Return the time of a column's first sample, or of a column of dates its first date."""
-        if not self.in_seconds(position):
-            return super().start(position)
+    def _first_date(self, position: int) -> StartTime | None:
         name = self._channels[position].handle
-        with reading(self._path, _EXPECTED), self._parquet.ParquetFile(self._path) as file:
+        with reading(self._path, self.expected), self._parquet.ParquetFile(self._path) as file:
             first = next(file.iter_batches(1, columns=[name])).column(0).to_numpy(False)[:1]
         if first.dtype.kind != "M" or np.isnat(first).any():
             return None
         return StartTime.on_date(first[0])
 
-    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Read these columns; each has shape (samples,).
-
-        Timestamps become seconds since the first.
-        """
-        names = self._handles(positions)
-        with reading(self._path, _EXPECTED):
-            with self._parquet.ParquetFile(self._path) as file:
-                require_room(self._path, _numbers(file.metadata, set(names)))
-                table = file.read(columns=[*dict.fromkeys(names)])
-            return tuple(real_numbers(table.column(name).to_numpy()) for name in names)
+    def _read(self, handles: Sequence[str]) -> Iterator[FloatArray]:
+        with self._parquet.ParquetFile(self._path) as file:
+            require_room(self._path, _numbers(file.metadata, set(handles)))
+            table = file.read(columns=[*dict.fromkeys(handles)])
+        for name in handles:
+            yield real_numbers(table.column(name).to_numpy())
 
 
 def _numbers(metadata: Any, names: set[str]) -> int:

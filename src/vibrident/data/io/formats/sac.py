@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +16,11 @@ from vibrident.data.io.columns import (
     library,
     reading,
     real_numbers,
-    require_room,
 )
 from vibrident.data.io.reader import Reader
 from vibrident.data.io.sampling import plainest_clock
 from vibrident.data.records import FloatArray
 
-_SAC = "a SAC file with an evenly sampled time series"
 #: By the kind of dependent variable, IDEP; the SAC manual, "SAC Data File Format".
 _UNITS = {"idisp": "nm", "ivel": "nm/s", "iacc": "nm/s^2", "ivolts": "V"}
 
@@ -33,9 +31,11 @@ class SacFile(ColumnFile):
     The rate is made from the header's own interval: obspy's is rounded to a microsecond.
     """
 
+    expected = "a SAC file with an evenly sampled time series"
+
     def __init__(self, path: Path) -> None:
         self._sac = library("obspy.io.sac", "seismic", path).SACTrace
-        with reading(path, _SAC):
+        with reading(path, self.expected):
             header = self._trace(path, headonly=True)
             if not 0 < 4 * int(header.npts) < path.stat().st_size:
                 raise ValueError(f"{header.npts} samples in a file of {path.stat().st_size} bytes")
@@ -60,17 +60,12 @@ class SacFile(ColumnFile):
             clock = plainest_clock(float(delta), float(np.spacing(delta)) / 2, start)
             unit = _UNITS.get(str(header.idep), "")
             name = name if name.strip(".") else "channel 1"
-            channel = Channel(name, int(header.npts), clock, unit=unit)
+            channel = Channel(name, clock=clock, unit=unit, samples=int(header.npts))
         super().__init__(path, [channel], {})
 
-    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Read these channels; each has shape (samples,)."""
-        with reading(self._path, _SAC):
-            require_room(self._path, self._channels[0].handle * len(positions))
-            values = real_numbers(self._trace(self._path, headonly=False).data)
-            if values.size != self._channels[0].handle:
-                raise ValueError(f"{values.size} samples of {self._channels[0].handle}")
-            return tuple(values.copy() for _ in positions)
+    def _read(self, handles: Sequence[None]) -> Iterator[FloatArray]:
+        values = real_numbers(self._trace(self._path, headonly=False).data)
+        yield from (values.copy() for _ in handles)
 
     def _trace(self, path: Path, *, headonly: bool) -> Any:
         with path.open("rb") as stream, warnings.catch_warnings():

@@ -19,7 +19,6 @@ from vibrident.data.io.columns import (
     reading,
     real_numbers,
     reason_against_type,
-    require_room,
 )
 from vibrident.data.io.reader import Reader
 from vibrident.data.io.stated import (
@@ -31,7 +30,6 @@ from vibrident.data.io.stated import (
 from vibrident.data.io.units import factor_between
 from vibrident.data.records import FloatArray
 
-_EXPECTED = "a TDMS file, written to its end"
 #: LabVIEW writes its zero, 1904-01-01, for a start without a date.
 _NO_DATE = np.datetime64("1904-01-02")
 #: Scales that nptdms computes; of others it would return the numbers of the converter, unsaid.
@@ -52,6 +50,7 @@ class TdmsFile(ColumnFile):
     Text, complex numbers, empty channels and scales that cannot be computed are refused.
     """
 
+    expected = "a TDMS file, written to its end"
     names_are_paths = True
 
     def __init__(self, path: Path) -> None:
@@ -72,27 +71,22 @@ class TdmsFile(ColumnFile):
                         channels.append(_channel(name, channel, outer, str(path)))
         super().__init__(path, channels, refused)
 
-    def start(self, position: int) -> StartTime | None:
-        """Return the time of a channel's first sample, or of a time channel its first time."""
-        if not self.in_seconds(position):
-            return super().start(position)
+    def _first_date(self, position: int) -> StartTime:
         group, name = self._channels[position].handle
         with self._opened() as file:
             first = _plain(file[group][name][:1])[0]
         return StartTime.on_date(first)
 
-    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Read these channels; each has shape (samples,)."""
+    def _read(self, handles: Sequence[tuple[str, str]]) -> Iterator[FloatArray]:
         with self._opened() as file:
-            handles = self._handles(positions)
-            require_room(self._path, sum(len(file[group][name]) for group, name in handles))
-            return tuple(real_numbers(_plain(file[group][name][:])) for group, name in handles)
+            for group, name in handles:
+                yield real_numbers(_plain(file[group][name][:]))
 
     @contextmanager
     def _opened(self) -> Iterator[Any]:
         """Open the file; times are read to all their digits, not to microseconds."""
         with (
-            reading(self._path, _EXPECTED),
+            reading(self._path, self.expected),
             self._path.open("rb") as stream,
             self._library.open(stream, raw_timestamps=True) as file,
         ):
@@ -113,7 +107,8 @@ def _channel(name: str, channel: Any, outer: Sequence[Mapping[str, Any]], where:
         clock = replace(clock, rate_hz=clock.rate_hz / (seconds or 1.0), start=start)
     handle = (channel.group_name, channel.name)
     unit = nearest_unit(channel.name, levels[0], levels[1])
-    return Channel(name, handle, clock, _is_time(channel), unit, over_frequency, start)
+    size = len(channel)
+    return Channel(name, handle, clock, _is_time(channel), unit, over_frequency, start, size)
 
 
 def _start(properties: Mapping[str, Any]) -> StartTime | None:

@@ -21,15 +21,12 @@ from vibrident.data.io.columns import (
     reading,
     real_numbers,
     require_few,
-    require_room,
 )
 from vibrident.data.io.reader import Reader
 from vibrident.data.io.sampling import plainest_clock
-from vibrident.data.io.timeline import clock_from_times
 from vibrident.data.io.units import factor_between
 from vibrident.data.records import FloatArray
 
-_EXPECTED = "a universal file with data sets 58 (functions at nodal degrees of freedom) or 55"
 #: Function types without a rule against time signals: general or unknown, and time response.
 _TIME_SIGNALS = (0, 1)
 #: Frequency response function, and transmissibility.
@@ -55,14 +52,15 @@ class UffFile(ColumnFile):
     six digits; see ``plainest_clock`` for what is made of that.
     """
 
+    expected = "a universal file with data sets 58 (functions at nodal degrees of freedom) or 55"
+
     def __init__(self, path: Path) -> None:
         self._path = path
         self._pyuff = library("pyuff", "uff", path)
         refused: dict[str, str] = {}
         functions: list[tuple[int, dict[str, Any]]] = []
         self._units: tuple[str, str] | None = None  # of length and force in the file
-        self._steps: dict[str, FloatArray] = {}  # responses of data sets 55, by name
-        with reading(path, _EXPECTED):
+        with reading(path, self.expected):
             file = self._pyuff.UFF(str(path))
             kinds = [int(kind) for kind in file.get_set_types()]
             if 164 in kinds:
@@ -81,7 +79,7 @@ class UffFile(ColumnFile):
             channels: list[Channel] = []
             for set_number, header in functions:
                 name = _name(header, repeated=titles[_name(header, repeated=False)] > 1)
-                channels += self._channels_of(file, set_number, header, name)
+                channels += self._channels_of(set_number, header, name)
             shapes = [
                 _shape(file, set_number) for set_number, kind in enumerate(kinds) if kind == 55
             ]
@@ -89,32 +87,32 @@ class UffFile(ColumnFile):
             require_few(path, channels, "channels")
         super().__init__(path, channels, refused)
 
-    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Read these channels; each has shape (samples,)."""
-        with reading(self._path, _EXPECTED):
-            file = self._pyuff.UFF(str(self._path))
-            handles = self._handles(positions)
-            require_room(self._path, sum(samples for _, samples, _ in handles))
-            return tuple(self._signal(file, *handle) for handle in handles)
+    def _read(self, handles: Sequence[tuple[Any, str]]) -> Iterator[FloatArray]:
+        file = self._pyuff.UFF(str(self._path))
+        for numbers, kind in handles:
+            if isinstance(numbers, np.ndarray):  # of data sets 55, which were read
+                yield numbers.copy()
+                continue
+            function = file.read_sets(numbers)
+            values = function["x" if kind == "frequency" else "data"]
+            yield real_numbers(getattr(values, kind) if kind in ("real", "imag") else values)
 
     def stamps(self, position: int) -> FloatArray | None:
         """Return the times of a channel's samples, in s; None where the file states none."""
-        set_number, samples, _ = self._channels[position].handle
-        if isinstance(set_number, str) or self._channels[position].over_frequency:
+        channel = self._channels[position]
+        if channel.over_frequency:
             return None
-        with reading(self._path, _EXPECTED):
+        set_number, _ = channel.handle
+        with reading(self._path, self.expected):
             function = self._pyuff.UFF(str(self._path)).read_sets(set_number)
-            return None if function["abscissa_spacing"] == 1 else _times(function, samples)
+            return None if function["abscissa_spacing"] == 1 else _times(function, channel.samples)
 
-    def _channels_of(
-        self, file: Any, set_number: int, header: dict[str, Any], name: str
-    ) -> Iterator[Channel]:
+    def _channels_of(self, set_number: int, header: dict[str, Any], name: str) -> Iterator[Channel]:
         """Yield the channels of a function: one over time; axis and parts over frequency."""
         samples = int(header["num_pts"])
         unit = _unit(header, "ordinate", self._units, int(header["rsp_dir"]))
         if header["func_type"] not in _RESPONSES:
-            clock = self._clock(file, set_number, header)
-            yield Channel(name, (set_number, samples, ""), clock, unit=unit)
+            yield Channel(name, (set_number, ""), _clock(header), unit=unit, samples=samples)
             return
         below = _unit(header, "orddenom", self._units, int(header["ref_dir"]))
         if unit and below:
@@ -124,7 +122,8 @@ class UffFile(ColumnFile):
         units = {"frequency": axis, **dict.fromkeys(values, unit)}
         for kind, its_unit in units.items():
             full = f"{name}.{kind}" if kind else name
-            yield Channel(full, (set_number, samples, kind), unit=its_unit, over_frequency=True)
+            handle = (set_number, kind)
+            yield Channel(full, handle, unit=its_unit, over_frequency=True, samples=samples)
 
     def _channels_of_shapes(
         self, sets: Sequence[dict[str, Any]], refused: dict[str, str]
@@ -151,32 +150,7 @@ class UffFile(ColumnFile):
             }
             for kind, (numbers, its_unit) in columns.items():
                 name = f"{int(nodes[index])}:{_DIRECTIONS[axis]}.{kind}"
-                self._steps[name] = numbers
-                yield Channel(name, (name, len(steps), kind), unit=its_unit, over_frequency=True)
-
-    def _clock(self, file: Any, set_number: int, header: dict[str, Any]) -> Clock | None:
-        """Return the clock by the abscissas, if each sample has one; else by the interval."""
-        seconds = _seconds(header)
-        if header["abscissa_spacing"] == 1:
-            interval = float(header["abscissa_inc"])
-            start = StartTime.on_own_clock(header["abscissa_min"] * seconds)
-            return plainest_clock(interval * seconds, _half_unit(interval) * seconds, start)
-        times_s = _times(file.read_sets(set_number), int(header["num_pts"]))
-        return clock_from_times(
-            times_s, lambda row: f"{self._path}, data set {set_number + 1}, abscissa {row + 1}"
-        )
-
-    def _signal(self, file: Any, set_number: int | str, samples: int, kind: str) -> FloatArray:
-        if isinstance(set_number, str):
-            return self._steps[set_number].copy()
-        function = file.read_sets(set_number)
-        values = function["x" if kind == "frequency" else "data"]
-        values = real_numbers(getattr(values, kind) if kind in ("real", "imag") else values)
-        if values.size != samples:
-            raise ValueError(
-                f"data set {set_number + 1} has {values.size} values where it states {samples}"
-            )
-        return values
+                yield Channel(name, (numbers, kind), unit=its_unit, over_frequency=True)
 
 
 def _shape(file: Any, set_number: int) -> dict[str, Any]:
@@ -256,6 +230,16 @@ def _seconds(header: dict[str, Any]) -> float:
     if seconds is None:
         raise ValueError(f"times in {label!r}")
     return seconds
+
+
+def _clock(header: dict[str, Any]) -> Clock | None:
+    """Return the clock of an even abscissa; None where each sample has its own."""
+    seconds = _seconds(header)
+    if header["abscissa_spacing"] != 1:
+        return None
+    interval = float(header["abscissa_inc"])
+    start = StartTime.on_own_clock(header["abscissa_min"] * seconds)
+    return plainest_clock(interval * seconds, _half_unit(interval) * seconds, start)
 
 
 def _times(function: dict[str, Any], samples: int) -> FloatArray:

@@ -7,11 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from vibrident.data.io.columns import Channel, Clock, ColumnFile, reading, require_room
+from vibrident.data.io.columns import Channel, Clock, ColumnFile, Positions, reading
 from vibrident.data.io.reader import Reader
 from vibrident.data.records import FloatArray
 
-_EXPECTED = "a WAV or FLAC file of PCM or floating-point samples"
 #: libsndfile's names. A .wav file may hold MP3 or coded speech, which are not measured signals.
 _CONTAINERS = ("WAV", "WAVEX", "RF64", "W64", "FLAC")
 _SAMPLES = ("PCM_S8", "PCM_U8", "PCM_16", "PCM_24", "PCM_32", "FLOAT", "DOUBLE")
@@ -24,52 +23,48 @@ class WavFile(ColumnFile):
     Integer samples become float64 in [−1, 1); floating-point ones stay.
     """
 
+    expected = "a WAV or FLAC file of PCM or floating-point samples"
+
     def __init__(self, path: Path) -> None:
         import soundfile
 
-        with reading(path, _EXPECTED):
+        with reading(path, self.expected):
             header = soundfile.info(str(path))
             if header.format not in _CONTAINERS or header.subtype not in _SAMPLES:
                 raise ValueError(f"{header.format} with samples of type {header.subtype}")
         clock = Clock(float(header.samplerate))
-        self._frames = int(header.frames)
-        numbers = range(1, int(header.channels) + 1)
-        super().__init__(
-            path, [Channel(f"channel {number}", number - 1, clock) for number in numbers], {}
-        )
+        frames = int(header.frames)
+        channels = [
+            Channel(f"channel {number + 1}", number, clock, samples=frames)
+            for number in range(int(header.channels))
+        ]
+        super().__init__(path, channels, {})
 
-    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Read these channels; each has shape (samples,)."""
-        with reading(self._path, _EXPECTED):
-            require_room(self._path, self._frames * len(self._channels))
-        values = tuple(np.empty(self._frames) for _ in positions)
-        self._read(positions, values, 0, self._frames)
+    def _read(self, handles: Positions) -> Sequence[FloatArray]:
+        values = [np.empty(self.length(0)) for _ in handles]
+        self._read_frames(handles, values, 0, self.length(0))
         return values
 
-    def length(self, position: int) -> int:
-        """Return the number of samples, from the file's header."""
-        return self._frames
-
-    def block(self, positions: Sequence[int], start: int, stop: int) -> FloatArray:
+    def block(self, positions: Positions, start: int, stop: int) -> FloatArray:
         """Return samples of channels from ``start`` up to ``stop``; nothing else is read.
 
         See ColumnFile.
         """
         values = np.empty((len(positions), stop - start))
-        self._read(positions, [*values], start, stop)
+        self._read_frames(positions, [*values], start, stop)
         return values
 
     def reads_parts(self, position: int) -> bool:
         """Return True: frames are found by their number."""
         return True
 
-    def _read(
-        self, positions: Sequence[int], targets: Sequence[FloatArray], start: int, stop: int
+    def _read_frames(
+        self, positions: Positions, targets: Sequence[FloatArray], start: int, stop: int
     ) -> None:
         """Read samples of channels into ``targets``; ValueError where the file ends early."""
         import soundfile
 
-        with reading(self._path, _EXPECTED), soundfile.SoundFile(str(self._path)) as file:
+        with reading(self._path, self.expected), soundfile.SoundFile(str(self._path)) as file:
             file.seek(start)
             for begin in range(0, stop - start, _PIECE_FRAMES):
                 frames = min(_PIECE_FRAMES, stop - start - begin)
