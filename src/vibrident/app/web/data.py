@@ -200,7 +200,7 @@ class DataStep:
         self.left_out.clear()
         session = self.user.session
         try:
-            if self.user.busy:
+            if self.user.fit.busy:
                 raise InputError(
                     "An identification is under way.",
                     expected="none",
@@ -216,7 +216,7 @@ class DataStep:
             session.clear()
             session.open()
             self.user.form = None
-            await self.user.worker.run(simulate_demo, folder=session.data)
+            await self.user.fit.worker.run(simulate_demo, folder=session.data)
             session.rescan()
         except asyncio.CancelledError:
             return

@@ -133,11 +133,11 @@ class OutcomeStep:
                 partial(self._download_everything, named),
                 "outline id=get-everything",
             )
-        if named.choices is not None:
-            name = named.choices.calibration
+        if named.request is not None:
+            (name,) = named.request.files
             with ui.expansion(translate("The same in a shell")) as commands:
                 frame.hint(translate("With {file} in the folder of the data:", file=name))
-                frame.Text("command", translate("Command"), named.choices.command)
+                frame.Text("command", translate("Command"), named.request.command)
                 frame.add_button(
                     name, lambda: ui.download.file(named.calibration, name), "outline id=get-toml"
                 )
@@ -186,7 +186,7 @@ class OutcomeStep:
     async def _download_everything(self, named: NamedResult) -> None:
         self.errors.clear()
         await self.user.note("issued", named.path, document="everything.zip")
-        calibration = named.calibration if named.choices is not None else None
+        calibration = named.calibration if named.request is not None else None
         name = self.certificate.name_of_file("calibration.zip")
         stated = self.certificate.stated_data()
         async with self.user.session.new_folder("export") as folder:

@@ -11,6 +11,8 @@ from typing import Any
 from vibrident.app.web import translated
 from vibrident.app.web.language import Language, language, phrase
 from vibrident.app.web.session import refuse_outside
+from vibrident.app.web.tasks import IDENTIFY
+from vibrident.app.workflow.estimators import AUTO
 from vibrident.app.workflow.made import ProgressReporter, TaskOutput
 
 #: The folder of the files of a task, the archive of them, and the result that it works with.
@@ -21,37 +23,32 @@ _MAX_CHART_BYTES = 4_000_000
 
 
 class ProcessProgress(ProgressReporter):
-    """Passes the progress on as values: words, share done, and points of a growing chart."""
+    """Passes the progress on as values: a kind, and what ``TaskProgress.receive`` takes of it."""
 
     def __init__(self, progress: Callable[..., object]) -> None:
         self._progress = progress
-        self._words = ""
 
     def step(self, words: str) -> None:
-        """Report the name of the step that begins; its line in the chart is new."""
-        self._words = words
-        self._progress(words, -1.0, "", {})
+        """Report the name of the step that begins."""
+        self._progress("step", words)
 
     def __call__(self, iteration: int, most: int, cost: float) -> None:
-        """Report an iteration: its cost is a point of the chart."""
-        facts = {"words": self._words, "iteration": iteration, "most": most}
-        words = phrase("{words}: iteration {iteration} of at most {most}", **facts)
-        point = {self._words or "cost": [float(iteration), float(cost)]}
-        self._progress(words, iteration / most if most else -1.0, "cost", point)
+        """Report an iteration of an optimiser."""
+        self._progress("iteration", iteration, most, float(cost))
 
     def share(self, words: str, done: int, most: int) -> None:
         """Report how many parts of the work are done."""
-        self._progress(words, done / most if most else -1.0, "", {})
+        self._progress("share", words, done, most)
 
     def estimate(self, row: Any, units: Mapping[str, str]) -> None:
         """Report a tracked sensor by its first frequency, or its first parameter."""
         name = next((name for name in row.values if units[name] == "Hz"), next(iter(row.values)))
-        point = {f"{name} / {units[name]}": [float(row.time_s), float(row.values[name])]}
-        self._progress("", -1.0, "time", point)
+        label = f"{name} / {units[name]}"
+        self._progress("estimate", label, float(row.time_s), float(row.values[name]))
 
     def note(self, words: str) -> None:
         """Report a remark."""
-        self._progress(words, -1.0, "note", {})
+        self._progress("note", words)
 
 
 def work(
@@ -185,18 +182,25 @@ def _plan(
     return describe_plan(best_plan)
 
 
-def _joint(
+def _identify(
     options: dict[str, Any], files: Sequence[str], folder: Path, progress: ProcessProgress
 ) -> TaskOutput:
+    """Identify as the command line does; several calibrations together."""
     from vibrident.app.workflow.identification import IdentifyRequest, result_folders, run
     from vibrident.data.io import read
     from vibrident.show import methods
 
     model = options.get("model")
-    shared = options.get("share")
-    request = IdentifyRequest(models=[model] if model else None, share=shared or None)
+    request = IdentifyRequest(
+        options.get("estimator", AUTO),
+        {"discretisation": options.get("discretisation")},
+        models=[model] if model else None,
+        uncertainty=options.get("uncertainty", "auto"),
+        share=options.get("share"),
+    )
     request.check(len(files))
-    progress.step(phrase("Identifying together"))
+    if len(files) > 1:
+        progress.step(phrase("Identifying together"))
     results = run(request, [read(file) for file in files], progress)
     for result, result_folder in zip(
         results, result_folders([*map(Path, files)], folder), strict=True
@@ -231,7 +235,8 @@ _TASKS: Mapping[
     "correct": _correct,
     "track": _track,
     "plan": _plan,
-    "joint": _joint,
+    "joint": _identify,
+    IDENTIFY: _identify,
     "fleet": _fleet,
 }
 

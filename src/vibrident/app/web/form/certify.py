@@ -56,7 +56,7 @@ class CertificateForm:
 
     def _apply_profile(self) -> None:
         """State what the chosen profile states, for a result that was made here."""
-        if self.named.stated is None and self.named.choices is not None and self.user.profile:
+        if self.named.stated is None and self.named.request is not None and self.user.profile:
             result_keys = self.states["certificate"]
             from_profile = {
                 key: v for key, v in self._read_profile().items() if key not in result_keys
