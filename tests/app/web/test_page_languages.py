@@ -28,7 +28,11 @@ OTHERS = ("de", "zh")
 #: Literals that are read by nobody on the page, or stand in the English message of an error.
 UNSAID = {
     "vibrident.app.web.confinement": ("import vibrident",),
-    "vibrident.app.web.authentication": ("<!doctype html>",),
+    "vibrident.app.web.authentication": ("<!doctype html>", "Sign in at the proxy", "Sign in first."),
+    "vibrident.app.web.guard": (
+        *("The page is not known", "The files are too large", "The server takes as many"),
+        "The length of the request",
+    ),
     "vibrident.app.web.form.description": (
         *("columns and units", "Reference and response are", "Both photodetector signals"),
         *("A tabulated response is", " is empty.", "the file of a record that differs"),

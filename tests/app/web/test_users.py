@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +15,7 @@ pytest.importorskip("nicegui")
 from tests.support import tasks
 from tests.support.serving import alone
 
-from vibrident.app.web import column_guess, sandboxed, task_run, users, worker
+from vibrident.app.web import column_guess, task_run, translated, users, worker
 from vibrident.app.web.column_guess import ColumnGuess
 from vibrident.app.web.form.columns import merge_guess
 from vibrident.app.web.language import language
@@ -305,8 +304,8 @@ def test_a_wide_file_offers_few_columns_and_those_that_were_guessed(tmp_path):
 
 
 def test_charts_that_are_too_large_are_left_out():
-    drawn = [(name, {"x": [0] * count, "layout": {"height": 3}}) for name, count in (("a", 10), ("b", 1000), ("c", 1))]
-    found, left = sandboxed._fitting(drawn, 100)
-    assert [(title, json.loads(text), height) for title, text, height in found] == [("a", drawn[0][1], 3)]
+    drawn = [("a", b"x" * 60, 3), ("b", b"x" * 5000, 3), ("c", b"x", 3)]
+    found, left = translated.fitting(drawn, 100)
+    assert found == drawn[:1]
     assert left < 0
-    assert len(sandboxed._fitting(drawn, 10_000)[0]) == 3
+    assert len(translated.fitting(drawn, 10_000)[0]) == 3

@@ -247,17 +247,16 @@ class GrowingChart:
         self.points = points
         return grows
 
-    def show(self, figure: dict[str, Any]) -> None:
+    def show(self, figure: bytes) -> None:
         """Draw the chart, or draw it anew.
 
         Plotly draws nothing in a hidden element, so none is made before.
         """
-        drawn = json.dumps(figure).encode()
         if self.chart is None:
             with self.element:
-                self.chart = ChartView(drawn, self.height)
+                self.chart = ChartView(figure, self.height)
         else:
-            self.chart.show(drawn)
+            self.chart.show(figure)
 
     def forget(self) -> None:
         """Take the chart away."""

@@ -249,12 +249,12 @@ class HistoryPanel:
         self.status = frame.hint("").props("role=status id=history-words")
         self.errors = frame.add_error_area()
         self.body = ui.element("div").props("id=history")
-        await self._update(sandboxed.read_history)
+        await self._update()
 
     async def _add(self) -> None:
         self.button.disable()
         await self.user.note("added to history", self.named.path)
-        await self._update(sandboxed.add_to_history)
+        await self._update("add")
         if not self.button.is_deleted:
             self.button.enable()
 
@@ -270,22 +270,22 @@ class HistoryPanel:
             return
         await self.user.note("approved", self.named.path)
         approver = self.user.owner if self.user.users.door else "the page"
-        await self._update(sandboxed.approve_in_history, approver)
+        await self._update("approve", approver)
 
-    async def _update(self, function: Any, *arguments: str) -> None:
-        """Show what a function of ``sandboxed`` returns of the history."""
+    async def _update(self, *change: str) -> None:
+        """Change the history, as ``sandboxed.history`` does, and show it."""
         self.errors.clear()
-        if function is not sandboxed.read_history and not self.user.may("identify"):
+        if change and not self.user.may("identify"):
             return
         outcome = await frame.run_sandboxed(
             self.user,
             self.errors,
-            function,
+            sandboxed.history,
             self.named.path,
             self.store,
             self.certificate.stated_data(),
             page_language().code,
-            *arguments,
+            *change,
             file_bytes=MAX_STORE_BYTES,
         )
         if outcome is None or self.body.is_deleted:

@@ -130,7 +130,7 @@ class RunStep:
             await self.on_result(go=run.request.task == IDENTIFY)
 
 
-def live_chart(run: TaskProgress) -> dict[str, Any]:
+def live_chart(run: TaskProgress) -> bytes:
     """Return the chart of a task under way: costs over iterations, or a parameter over time."""
     is_cost = run.across == "cost"
     named = dict(zip(run.line_names, (points for _, points in run.lines), strict=True))
@@ -150,5 +150,5 @@ def live_chart(run: TaskProgress) -> dict[str, Any]:
         x_axis = axes.linear(phrase("Time in s"), x)
         y_axis = axes.linear("", y)
     panel = Panel(x_axis, y_axis, tuple(series), 1.1)
-    ((_, chart),) = charts(page_language(), Figure("live", "", (Stack((panel,)),)))
+    ((_, chart, _),) = charts(page_language(), Figure("live", "", (Stack((panel,)),)))
     return chart

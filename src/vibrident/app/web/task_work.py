@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from vibrident.app.web import translated
-from vibrident.app.web.language import Language, language, phrase
+from vibrident.app.web.language import language, phrase
 from vibrident.app.web.session import refuse_outside
 from vibrident.app.web.tasks import IDENTIFY
 from vibrident.app.workflow.estimators import AUTO
@@ -19,7 +18,6 @@ from vibrident.app.workflow.made import ProgressReporter, TaskOutput
 OUT = "files"
 ARCHIVE = "files.zip"
 RESULT_FILE = "chosen-result.json"
-_MAX_CHART_BYTES = 4_000_000
 
 
 class ProcessProgress(ProgressReporter):
@@ -78,23 +76,18 @@ def work(
             packed.write(path, path.relative_to(folder))
     names = [str(path.relative_to(folder)) for path in written]
     results = [name for name in names if Path(name).name == "result.json"]
-    return {**_page_output(output, language(code)), "files": names, "results": results}
-
-
-def _page_output(output: TaskOutput, speak: Language) -> dict[str, Any]:
-    drawn = []
-    for figure in output.figures:
-        for title, chart in translated.charts(speak, figure):
-            text = json.dumps(chart, separators=(",", ":"), allow_nan=False).encode()
-            if len(text) < _MAX_CHART_BYTES:
-                drawn.append((title or speak(figure.title), text, chart["layout"]["height"]))
+    speak = language(code)
+    notes = (*(finding.message for finding in output.findings), *output.notes)
     return {
         "tables": translated.fragment(speak, *output.blocks),
-        "charts": drawn,
-        "notes": [
-            speak(note)
-            for note in (*(finding.message for finding in output.findings), *output.notes)
+        "charts": [
+            chart
+            for chart in translated.charts(speak, *output.figures)
+            if len(chart[1]) < translated.MAX_CHART_BYTES
         ],
+        "notes": [speak(note) for note in notes],
+        "files": names,
+        "results": results,
     }
 
 

@@ -95,18 +95,21 @@ class RowEntries:
         options: Mapping[str, Mapping[Any, str]] | None = None,
         rare: Collection[str] = (),
         on_change: Callable[[], Any] = lambda: None,
+        applies: Callable[[Key, Mapping[str, Any]], bool] = Key.applies,
         to_form: Callable[[Mapping[str, Any]], Mapping[str, Any]] = dict,
         to_file: Callable[[Mapping[str, Any]], dict[str, Any]] = dict,
     ) -> None:
         """Build the rows of ``values``; each is called ``name``, in English, and its number.
 
         ``options``: key → value → words, before its own; ``rare``: keys that are shown where
-        somebody has stated one, or wants them all; ``to_form``: converts an entry of the
+        somebody has stated one, or wants them all; ``applies``: says whether a key has a meaning
+        beside the values of the others; ``to_form``: converts an entry of the
         file to a row of the form, ``to_file``: the way back.
         """
         self.name = name
         self.options = options or {}
         self.on_change = on_change
+        self.applies = applies
         noun = translate(name.lower())
         self.to_form = to_form
         self.to_file = to_file
@@ -166,7 +169,9 @@ class RowEntries:
         """Show the keys that apply beside the others, in their units."""
         entered = {name: element.value for name, element in row.items()}
         for name, key in self.keys.items():
-            row[name].visible = key.applies(entered) and (self.with_all or name not in self.rare)
+            row[name].visible = self.applies(key, entered) and (
+                self.with_all or name not in self.rare
+            )
             if key.in_form_by is not None:
                 _show_unit(row[name], key.asked_in(entered)[0])
 
@@ -185,7 +190,7 @@ class RowEntries:
         values = {}
         for name, key in self.keys.items():
             value = filled(key, entered[name], key.asked_in(entered))
-            if key.applies(entered) and value not in (None, key.default):
+            if self.applies(key, entered) and value not in (None, key.default):
                 values[name] = value
         return values
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 from nicegui import events, ui
 
@@ -13,7 +13,7 @@ from vibrident.app.web import frame
 from vibrident.app.web.fit import FitStep
 from vibrident.app.web.form.description import ENTRIES, ENTRY_NAMES, SECTIONS
 from vibrident.app.web.form.entries import PLAIN, RowEntries, entered, entry
-from vibrident.app.web.form.sources import entry_in_file, entry_in_form, source_keys
+from vibrident.app.web.form.sources import applies, entry_in_file, entry_in_form, source_keys
 from vibrident.app.web.laboratories import LABORATORY_FILES, MAX_LABORATORY_FILE_BYTES
 from vibrident.app.web.language import page_language, phrase, translate
 from vibrident.app.web.user import User
@@ -27,30 +27,16 @@ _KEYS = keys_of(CertificateSection)
 _LISTS = ("uncertainty", "cmc")
 
 
-class LaboratoryFileLabels(NamedTuple):
-    """Labels of one of the laboratory's own files, and its accepted endings."""
-
-    label: str
-    choose: str
-    stored: str
-    remove: str
-    endings: str
-
-
+#: File of a laboratory → label and button of its upload, what is said of one that is here, the
+#: button that removes it, and the endings that are accepted.
 _FILE_LABELS = {
-    "logo": LaboratoryFileLabels(
-        phrase("Logo: PNG, JPEG or SVG"),
-        phrase("Choose the logo"),
-        phrase("The logo is here."),
-        phrase("Remove the logo"),
-        ".png,.jpg,.jpeg,.svg",
+    "logo": (
+        *(phrase("Logo: PNG, JPEG or SVG"), phrase("Choose the logo")),
+        *(phrase("The logo is here."), phrase("Remove the logo"), ".png,.jpg,.jpeg,.svg"),
     ),
-    "template": LaboratoryFileLabels(
-        phrase("Template: a typst file in place of ours"),
-        phrase("Choose the template"),
-        phrase("The template is here."),
-        phrase("Remove the template"),
-        ".typ",
+    "template": (
+        *(phrase("Template: a typst file in place of ours"), phrase("Choose the template")),
+        *(phrase("The template is here."), phrase("Remove the template"), ".typ"),
     ),
 }
 _SOON_DAYS = 30  # days before an instrument is due from which it is named
@@ -178,7 +164,7 @@ class LaboratoryStep:
                 if name == "uncertainty":
                     keys = source_keys()
                     conversion = {"to_form": entry_in_form, "to_file": entry_in_file}
-                    conversion["rare"] = ("from_c", "to_c")
+                    conversion |= {"applies": applies, "rare": ("from_c", "to_c")}
                 rows = RowEntries(ENTRY_NAMES[name], keys, values, **conversion)
                 rows.on_change = lambda name=name, rows=rows: self._set_list(name, rows.value)
             self.lists[name] = rows
@@ -214,7 +200,8 @@ class LaboratoryStep:
 
     def _build_file_choice(self, kind: str) -> None:
         """Build the upload of one of the laboratory's own files, and a button to remove it."""
-        words = _FILE_LABELS[kind]
+        *words, endings = _FILE_LABELS[kind]
+        label, choose, stored, remove_label = map(translate, words)
 
         async def keep(event: events.UploadEventArguments) -> None:
             self.user.session.keep_laboratory_file(kind, await event.file.read())
@@ -226,17 +213,17 @@ class LaboratoryStep:
 
         with ui.element("div"):
             upload = ui.upload(
-                label=translate(words.label),
+                label=label,
                 auto_upload=True,
                 max_file_size=MAX_LABORATORY_FILE_BYTES,
                 on_upload=keep,
             )
-            frame.style_upload(upload).props(f'accept="{words.endings}"')
+            frame.style_upload(upload).props(f'accept="{endings}"')
             with frame.actions() as stored_row:
-                frame.hint(translate(words.stored)).props("role=status")
-                frame.add_button(translate(words.remove), remove, "flat")
+                frame.hint(stored).props("role=status")
+                frame.add_button(remove_label, remove, "flat")
             stored_row.visible = self.user.session.laboratory_file(kind) is not None
-        frame.name_upload(upload, translate(words.choose), translate(words.label).partition(":")[0])
+        frame.name_upload(upload, choose, label.partition(":")[0])
 
     def _build_buttons(self) -> None:
         with frame.actions():

@@ -6,7 +6,7 @@ The calibration file knows u, and a table over frequency; a form fills these in.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from vibrident.app.web.form.description import ENTRIES
@@ -30,39 +30,39 @@ BANDS = (
 )
 
 
-@dataclass(frozen=True)
-class SourceKey(Key):
-    """A key that holds for some of the ways in which a source is stated."""
+#: Key → the ways of stating a source in which it holds; the others hold in all.
+_WAYS_OF = {
+    "standard_uncertainty": ("u",),
+    "expanded_uncertainty": ("U",),
+    "coverage_factor": ("U",),
+    "table": ("table",),
+    "from_hz": ("u", "U"),
+    "to_hz": ("u", "U"),
+}
 
-    ways: Sequence[str] = tuple(_WAYS)
 
-    def applies(self, row: Mapping[str, Any]) -> bool:
-        """Return whether the key has a meaning beside the values of the others."""
-        return super().applies(row) and row.get("stated_as") in self.ways
-
-
-def _key(key: Key, *ways: str, **changed: Any) -> SourceKey:
-    return SourceKey(**{**vars(key), **changed}, ways=ways or tuple(_WAYS))
+def applies(key: Key, row: Mapping[str, Any]) -> bool:
+    """Return whether a key has a meaning beside the values of the others."""
+    return key.applies(row) and row.get("stated_as") in _WAYS_OF.get(key.name, _WAYS)
 
 
 def source_keys() -> list[Key]:
     """Return the keys of a source in a form: those of the file, and how its size is stated."""
     keys: list[Key] = []
+    size = next(key for key in ENTRIES["uncertainty"] if key.name == "standard_uncertainty")
     for key in ENTRIES["uncertainty"]:
-        if key.name == "standard_uncertainty":
-            title = phrase("Stated as")
-            keys.append(Key("stated_as", "u", "choice", _WAYS, None, "", title))
-            keys.append(_key(key, "u"))
-            keys.append(_key(key, "U", name="expanded_uncertainty", title="U"))
-            plain = replace(key, name="coverage_factor", title="k", default=_K, in_form_by=None)
-            keys.append(_key(plain, "U", in_form=("", 1.0)))
+        if key is size:
+            plain = {"default": _K, "in_form": ("", 1.0), "in_form_by": None}
+            keys += [
+                Key("stated_as", "u", "choice", _WAYS, None, "", phrase("Stated as")),
+                size,
+                replace(size, name="expanded_uncertainty", title="U"),
+                replace(size, name="coverage_factor", title="k", **plain),
+            ]
         elif key.name == "table":
-            by_kind = next(
-                option for option in keys if option.name == "standard_uncertainty"
-            ).in_form_by
-            keys.append(_key(key, "table", in_form_by=by_kind))
+            keys.append(replace(key, in_form_by=size.in_form_by))
         else:
-            keys.append(_key(key, *(("u", "U") if key.name in ("from_hz", "to_hz") else ())))
+            keys.append(key)
     return keys
 
 
