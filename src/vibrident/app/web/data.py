@@ -194,9 +194,9 @@ class DataStep:
             self.left_out, {reason: names for reason, names in left_out.items() if names}
         )
 
+    @frame.reported
     async def _load_demo(self) -> None:
         """Replace the data by the simulated demo."""
-        self.errors.clear()
         self.left_out.clear()
         session = self.user.session
         try:
@@ -219,9 +219,6 @@ class DataStep:
             await self.user.fit.worker.run(simulate_demo, folder=session.data)
             session.rescan()
         except asyncio.CancelledError:
-            return
-        except Exception as error:
-            frame.show_error(self.errors, error, session)
             return
         finally:
             self.demo_button.enable()

@@ -99,14 +99,10 @@ class FitStep(RunStep):
         """Take over the form's values."""
         if not (self.user.confirmed and self.user.confirmed.from_form and self.user.form):
             return
-        self.errors.clear()
-        try:
+        self.start.disable()
+        with frame.reporting(self.errors, self.user):
             self.text.show(calibration_text(self.user.form.description, self.user.session.files))
-        except Exception as error:
-            frame.show_error(self.errors, error, self.user.session)
-            self.start.disable()
-            return
-        self.update()
+            self.update()
 
     async def _read(self) -> None:
         confirmed = self.user.confirmed
@@ -115,13 +111,12 @@ class FitStep(RunStep):
         if confirmed.from_form:
             self.refresh()
             return
-        text = await frame.run_sandboxed(
-            self.user, self.errors, read_calibration_text, session.data, confirmed.name
-        )
-        if text is None:
-            self.user.confirmed = None
-        else:
+        self.user.confirmed = None
+        with frame.reporting(self.errors, self.user):
+            name = confirmed.name
+            text = await self.user.run_sandboxed(read_calibration_text, session.data, name)
             self.text.show(text)
+            self.user.confirmed = confirmed
         self.update()
 
     def update(self) -> None:

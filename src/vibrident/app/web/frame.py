@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+import functools
+import inspect
 import json
 import logging
 import secrets
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from nicegui import ui
@@ -58,15 +61,26 @@ def _show_untranslated(text: str) -> ui.label:
     return ui.label(translated).props("lang=en" if translated == text else "")
 
 
-async def run_sandboxed(
-    user: User, errors: ui.element, function: Callable[..., Any], *args: Any, **limits: Any
-) -> Any:
-    """Return what a function of ``sandboxed`` returns; None after showing its error."""
+@contextlib.contextmanager
+def reporting(area: ui.element, user: User) -> Iterator[None]:
+    """Show in an area, which is empty before, what is raised within the block."""
+    area.clear()
     try:
-        return await user.run_sandboxed(function, *args, **limits)
+        yield
     except Exception as error:
-        show_error(errors, error, user.session)
-        return None
+        show_error(area, error, user.session)
+
+
+def reported(handler: Callable[..., Any]) -> Callable[..., Any]:
+    """Decorate a handler of a step: what it raises is shown in ``errors`` of the step."""
+
+    @functools.wraps(handler)
+    async def reported_handler(step: Any, *args: Any, **kwargs: Any) -> Any:
+        with reporting(step.errors, step.user):
+            done = handler(step, *args, **kwargs)
+            return await done if inspect.isawaitable(done) else done
+
+    return reported_handler
 
 
 def show_left_out(element: ui.element, left_out: Mapping[str, Sequence[str]]) -> None:

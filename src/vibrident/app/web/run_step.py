@@ -77,18 +77,14 @@ class RunStep:
         """Begin a run, unless one is under way; show the error of its request."""
         if self.run.busy:
             return
-        self.errors.clear()
         self.chart.forget()
-        try:
+        with frame.reporting(self.errors, self.user):
             request = make_request()
             self.user.write_form()
             self.run.start(request)
-        except Exception as error:
-            frame.show_error(self.errors, error, self.user.session)
-            return
-        self.update()
-        self.timer.activate()
-        self.status.client.run_javascript(f"vibrident.see('{self.ids}status')")
+            self.update()
+            self.timer.activate()
+            self.status.client.run_javascript(f"vibrident.see('{self.ids}status')")
 
     def update(self) -> None:
         """Update buttons and visible parts."""

@@ -140,18 +140,18 @@ def _correct(
 def _track(
     options: dict[str, Any], files: Sequence[str], folder: Path, progress: ProcessProgress
 ) -> TaskOutput:
-    from vibrident.app.workflow.tracked import TrackRequest, track
+    from vibrident.app.workflow.tracked import track
     from vibrident.use.tracking import FALSE_ALARMS_PER_DAY
 
     progress.step(phrase("Tracking"))
-    request = TrackRequest(
+    output, _ = track(
         Path(RESULT_FILE),
         Path(files[0]),
         folder,
         every_s=options.get("every"),
         false_alarms_per_day=options.get("false_alarms_per_day") or FALSE_ALARMS_PER_DAY,
+        progress=progress,
     )
-    output, _ = track(request, progress)
     return output
 
 

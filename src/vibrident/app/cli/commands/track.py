@@ -71,12 +71,21 @@ changes.
     sensor as it is now in result.json, for other commands.
     """
     name, address = _one_source(follow=follow, stdin=stdin, source=source)
-    from vibrident.app.workflow.tracked import TrackRequest
     from vibrident.app.workflow.tracked import track as run
 
-    request = TrackRequest(result, calibration, folder, name, address, idle, every, rate, store)
     with _live_table() as progress:
-        output, written = run(request, progress)
+        output, written = run(
+            result,
+            calibration,
+            folder,
+            source=name,
+            address=address,
+            idle_s=idle,
+            every_s=every,
+            false_alarms_per_day=rate,
+            store=store,
+            progress=progress,
+        )
     show_output(output)
     if pictures:
         from vibrident.show import plots

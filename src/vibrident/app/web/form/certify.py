@@ -210,18 +210,15 @@ class CertificateForm:
         return CertificateData(certificate, sensor, before=before)
 
     async def _save(self) -> bool:
-        self.errors.clear()
         self.status.text = ""
-        try:
+        with frame.reporting(self.errors, self.user):
             self.user.require("identify", "state what a certificate says")
             self.named.stated = self._read_form()
-        except Exception as error:
-            frame.show_error(self.errors, error, self.user.session)
-            return False
-        self.user.changed()
-        self._show_missing()
-        self.status.text = translate("Saved: reports and exports of this result state it.")
-        return True
+            self.user.changed()
+            self._show_missing()
+            self.status.text = translate("Saved: reports and exports of this result state it.")
+            return True
+        return False
 
     async def _save_file(self) -> None:
         if await self._save():

@@ -146,10 +146,9 @@ class KnownResponses:
 
     def _take_rows(self, path: str, rows: RowEntries) -> None:
         """Set the form's entries to the rows; copy a chosen result beside the records."""
-        self.errors.clear()
         entries = rows.value
         session = self.user.session
-        try:
+        with frame.reporting(self.errors, self.user):
             for named in self.user.results:
                 file = _result_file(named.path)
                 has_result = any(entry.get("file") == file for entry in entries)
@@ -158,8 +157,6 @@ class KnownResponses:
                     target = session.reserve_path(file, size, is_response=True)
                     shutil.copyfile(named.path, target)
                     self.list_files()
-        except Exception as error:
-            frame.show_error(self.errors, error, session)
         self.set_value(path, entries)
 
     def _build_upload(self) -> None:
@@ -177,15 +174,10 @@ class KnownResponses:
         choose = translate("Choose files of known responses")
         frame.name_upload(upload, choose, label.partition(":")[0])
 
+    @frame.reported
     async def _take_file(self, event: events.UploadEventArguments) -> None:
-        session = self.user.session
-        self.errors.clear()
-        try:
-            self.user.require("identify", "upload data")
-            await session.save_upload(event.file, is_response=True)
-        except Exception as error:
-            frame.show_error(self.errors, error, session)
-            return
+        self.user.require("identify", "upload data")
+        await self.user.session.save_upload(event.file, is_response=True)
         self.list_files()
         for rows in self.rows.values():
             rows.offer("file", self.offered_files)

@@ -237,40 +237,29 @@ class LaboratoryStep:
                 )
         self.status = frame.hint("").props("role=status id=profile-said")
 
+    @frame.reported
     async def _save(self) -> None:
         user = self.user
-        laboratories = self.user.users.laboratories
-        self.errors.clear()
-        try:
-            user.require("identify", "change a laboratory's profile")
-            certificate = entered(self.entries, _KEYS)
-            lists = {name: rows.value for name, rows in self.lists.items()}
-            paths = {kind: user.session.laboratory_file(kind) for kind in LABORATORY_FILES}
-            files = {kind: path.read_bytes() for kind, path in paths.items() if path is not None}
-            profile_name = (self.name.value or "").strip() or str(
-                certificate.get("laboratory") or ""
-            )
-            user.profile = laboratories.write(
-                profile_name, {"certificate": certificate, **lists}, files
-            )
-            await user.note("saved a laboratory's profile", name=user.profile)
-        except Exception as error:
-            frame.show_error(self.errors, error, user.session)
-            return
+        user.require("identify", "change a laboratory's profile")
+        certificate = entered(self.entries, _KEYS)
+        lists = {name: rows.value for name, rows in self.lists.items()}
+        paths = {kind: user.session.laboratory_file(kind) for kind in LABORATORY_FILES}
+        files = {kind: path.read_bytes() for kind, path in paths.items() if path is not None}
+        profile_name = (self.name.value or "").strip() or str(certificate.get("laboratory") or "")
+        profile = {"certificate": certificate, **lists}
+        user.profile = user.users.laboratories.write(profile_name, profile, files)
+        await user.note("saved a laboratory's profile", name=user.profile)
         user.changed()
         name = user.profile
         self.show()
         message = "Saved as “{name}”: new calibrations and certificates begin with it."
         self.status.text = translate(message, name=name)
 
+    @frame.reported
     async def _remove(self) -> None:
-        try:
-            self.user.require("identify", "remove a laboratory's profile")
-            self.user.users.laboratories.remove(self.user.profile)
-            await self.user.note("removed a laboratory's profile", name=self.user.profile)
-        except Exception as error:
-            frame.show_error(self.errors, error, self.user.session)
-            return
+        self.user.require("identify", "remove a laboratory's profile")
+        self.user.users.laboratories.remove(self.user.profile)
+        await self.user.note("removed a laboratory's profile", name=self.user.profile)
         self.user.profile = ""
         self.user.changed()
         self.show()
