@@ -99,9 +99,8 @@ class History:
             InputError: there is no store yet.
         """
         from vibrident.lab.history.document import listed
-        from vibrident.lab.history.query import overviews
 
-        return listed(overviews(self._store, sensor_type))
+        return listed(self._store, sensor_type)
 
     def show(
         self,
@@ -216,10 +215,7 @@ def _question(
     from vibrident.lab.history.due import Tolerance
     from vibrident.lab.history.schema import REFERENCE_SENSITIVITY
 
+    limits = None if tolerance is None else Tolerance(tolerance, nominal)
     return Question(
-        quantity or REFERENCE_SENSITIVITY,
-        frequency_hz,
-        until,
-        None if tolerance is None else Tolerance(tolerance, nominal),
-        interval_years,
+        quantity or REFERENCE_SENSITIVITY, frequency_hz, until, lambda _: limits, interval_years
     )

@@ -76,12 +76,7 @@ def _ewma(residuals: FloatArray, restart: NDArray[np.bool_]) -> ControlChart:
         count = count + 1
         levels.append(float(level))
         limits.append(factor * float(_ewma_deviation(count)))
-    alarm = tuple(
-        i for i, (at, limit) in enumerate(zip(levels, limits, strict=True)) if abs(at) > limit
-    )
-    return ControlChart(
-        "EWMA", tuple(levels), tuple(levels), tuple(limits), alarm, ewma_run_length(factor)
-    )
+    return _chart("EWMA", levels, levels, limits, ewma_run_length(factor))
 
 
 def _cusum(residuals: FloatArray, restart: NDArray[np.bool_]) -> ControlChart:
@@ -96,17 +91,15 @@ def _cusum(residuals: FloatArray, restart: NDArray[np.bool_]) -> ControlChart:
         low = min(0.0, low + residual + CUSUM_ALLOWANCE)
         upper.append(float(high))
         lower.append(float(low))
-    alarm = tuple(
-        i for i, (a, b) in enumerate(zip(upper, lower, strict=True)) if max(a, -b) > limit
-    )
-    return ControlChart(
-        "CUSUM",
-        tuple(upper),
-        tuple(lower),
-        (limit,) * len(upper),
-        alarm,
-        cusum_run_length(limit) / 2,
-    )
+    return _chart("CUSUM", upper, lower, [limit] * len(upper), cusum_run_length(limit) / 2)
+
+
+def _chart(
+    name: str, upper: list[float], lower: list[float], limit: list[float], run_length: float
+) -> ControlChart:
+    sides = zip(upper, lower, limit, strict=True)
+    alarm = tuple(i for i, (high, low, most) in enumerate(sides) if max(high, -low) > most)
+    return ControlChart(name, tuple(upper), tuple(lower), tuple(limit), alarm, run_length)
 
 
 def _ewma_deviation(count: int) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -36,21 +36,11 @@ class Question:
     # nominal frequency, for the sensitivity there instead of that at the reference frequency
     frequency_hz: float | None = None
     until: datetime.date | None = None  # to predict for; None for the end of the interval in force
-    tolerance: Tolerance | None = None  # of all sensors; None for no due date
+    # of each sensor; None for no due date
+    tolerance: Callable[[StoredSensor], Tolerance | None] = lambda _: None
     # in force; None for the time between the last two calibrations
     interval_years: float | None = None
     today: datetime.date | None = None  # the date that counts as today
-    # where sensors differ, the tolerance of each; None for no due date of that sensor
-    tolerances: Callable[[StoredSensor], Tolerance | None] | None = None
-
-
-def _set_tolerance(sensor: StoredSensor, question: Question) -> Question:
-    """Return the question for one sensor, with the tolerance of that sensor."""
-    return (
-        question
-        if question.tolerances is None
-        else replace(question, tolerance=question.tolerances(sensor))
-    )
 
 
 def of_sensor(
@@ -61,7 +51,6 @@ def of_sensor(
     Raises:
         InputError: no calibration of the sensor has the quantity.
     """
-    question = _set_tolerance(sensor, question)
     entries = query.entries(store, sensor.id, question.quantity, question.frequency_hz).get(
         sensor.id, []
     )
@@ -78,7 +67,7 @@ def of_sensor(
         "series": _series(history),
         "drift": _drift(history, question) if history.entries else {"why": "no calibration counts"},
         "control": _control(history),
-        "due": _due(history, question),
+        "due": _due(history, sensor, question),
     }
     return plain(document)
 
@@ -93,15 +82,13 @@ def of_result(store: Store, result: Result) -> dict[str, Any] | None:
 
     None if there is no store or it holds no calibration of this sensor.
     """
-    if store.revision() is None:
-        return None
     sensor = query.stored_sensor(store, result.sensor)
     return None if sensor is None else of_sensor(store, sensor)
 
 
 def random_walks(store: Store, result: Result) -> dict[str, float]:
     """Return parameter → its relative random walk in a year, for those that the store knows."""
-    sensor = None if store.revision() is None else query.stored_sensor(store, result.sensor)
+    sensor = query.stored_sensor(store, result.sensor)
     walks = dict[str, float]()
     if sensor is None:
         return walks
@@ -151,9 +138,7 @@ def all_due(
         if key not in sensors or all(entry.value is None for entry in entries):
             continue
         history = life(entries, events.get(key, []))
-        due_values = _due(history, _set_tolerance(sensors[key], question)) or _without_risk(
-            history, question
-        )
+        due_values = _due(history, sensors[key], question) or _without_risk(history, question)
         last = history.entries[-1].date if history.entries else None
         recalled = history.recalled if history.entries else ""
         facts = {"last": last, "calibrations": len(history.entries), "recalled": recalled}
@@ -289,9 +274,8 @@ def _curve(history: Life, until: datetime.date) -> list[dict[str, Any]]:
 
 
 def _mixture(mixture: Mixture) -> dict[str, Any]:
-    low, high = mixture.interval_95
-    u = (high - low) / 4  # as ``Mixture.u``, without the quantiles once more
-    return {"value": mixture.value, "u": u, "U": K * u, "interval_95": [low, high]}
+    values = {"value": mixture.value, "u": mixture.u, "U": K * mixture.u}
+    return values | {"interval_95": mixture.interval_95}
 
 
 def _control(history: Life) -> dict[str, Any] | None:
@@ -341,33 +325,19 @@ def _residuals(history: Life, covariance: FloatArray) -> tuple[list[float], list
     return residuals, restart, indices
 
 
-def _due(history: Life, question: Question) -> dict[str, Any] | None:
-    if question.tolerance is None or not history.entries:
+def _due(history: Life, sensor: StoredSensor, question: Question) -> dict[str, Any] | None:
+    tolerance = question.tolerance(sensor)
+    if tolerance is None or not history.entries:
         return None
-    dates = due(
-        history,
-        question.tolerance,
-        question.interval_years,
-        question.today or datetime.date.today(),
-    )
-    low, high = question.tolerance.limits(history)
-    return vars(dates) | {
-        "risk": RISK,
-        "limits": [low, high],
-        "tolerance": question.tolerance.relative,
-    }
+    today = question.today or datetime.date.today()
+    dates = due(history, tolerance, question.interval_years, today)
+    limits = tolerance.limits(history)
+    return vars(dates) | {"risk": RISK, "limits": limits, "tolerance": tolerance.relative}
 
 
-def listed(overviews: Sequence[query.Overview]) -> list[dict[str, Any]]:
-    """Return the sensors of a store."""
+def listed(store: Store, type_name: str | None = None) -> list[dict[str, Any]]:
+    """Return the sensors of a store, or of a type."""
     return [
-        plain(
-            overview.sensor.as_dict()
-            | {
-                "calibrations": overview.calibrations,
-                "first": overview.first,
-                "last": overview.last,
-            }
-        )
-        for overview in overviews
+        plain(sensor.as_dict() | {"calibrations": times, "first": first, "last": last})
+        for sensor, times, first, last in query.overviews(store, type_name)
     ]

@@ -56,7 +56,7 @@ class Mixture:
             low, high = (middle, high) if self.below(middle) < probability else (low, middle)
         return (low + high) / 2
 
-    @property
+    @cached_property
     def interval_95(self) -> tuple[float, float]:
         """Return the probabilistically symmetric 95 % coverage interval."""
         return self.quantile(0.025), self.quantile(0.975)

@@ -124,12 +124,12 @@ def list_sensors(
 ) -> None:
     """List the sensors, with the number of their calibrations and the dates of the first and \
 the last."""
-    from vibrident.lab.history import query, tables
+    from vibrident.lab.history import tables
     from vibrident.lab.history.document import listed
     from vibrident.show.views import count
 
     with open_store(store) as opened:
-        rows = listed(query.overviews(opened, type_name))
+        rows = listed(opened, type_name)
     _print(form, rows, lambda: [replace(tables.listed(rows), title=count(len(rows), "sensor"))])
 
 
