@@ -8,11 +8,11 @@ import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields, GivenFields
 from vibrident.physics.naming import is_gain
 from vibrident.result import Parameter, Result
 from vibrident.result.document import plain
@@ -152,12 +152,12 @@ def _names_an_instrument(key: str) -> bool:
     return any("".join(listed.split("/")[-2:]) for listed in key.split("|")[4:])
 
 
-def _share(row: Mapping[str, Any], parameter: str | None) -> float:
+def _share(row: GivenFields, parameter: str | None) -> float:
     return abs(float((row.get("contributions") or {}).get(parameter) or 0.0))
 
 
 def _sensitivity_share(
-    result: Result, row: Mapping[str, Any], frequency_hz: float, sensitivity: float
+    result: Result, row: GivenFields, frequency_hz: float, sensitivity: float
 ) -> float:
     if row.get("kind") == "gain":
         return abs(_relative_gain(result, row, frequency_hz) * sensitivity)
@@ -167,7 +167,7 @@ def _sensitivity_share(
     return 0.0
 
 
-def _relative_gain(result: Result, row: Mapping[str, Any], frequency_hz: float) -> float:
+def _relative_gain(result: Result, row: GivenFields, frequency_hz: float) -> float:
     """Return the relative u of a gain at a frequency.
 
     The row of the budget holds the largest of a gain that is stated by frequency.
@@ -188,7 +188,7 @@ def _relative_gain(result: Result, row: Mapping[str, Any], frequency_hz: float) 
     return largest
 
 
-def _identity(result: Result, row: Mapping[str, Any]) -> str:
+def _identity(result: Result, row: GivenFields) -> str:
     words = " ".join(str(row.get("source", "")).casefold().replace("|", " ").split())
     size = f"{float(row.get('standard_uncertainty') or 0.0):.2g}"
     instruments = [
@@ -230,8 +230,8 @@ def not_comparable(result_a: Result, result_b: Result) -> str:
 def document(
     results: Mapping[str, Result],
     truth: Mapping[str, float] | None = None,
-    cross_validations: Mapping[str, Mapping[str, Any]] | None = None,
-) -> dict[str, Any]:
+    cross_validations: Mapping[str, GivenFields] | None = None,
+) -> Fields:
     """Return the plain values of ``comparison.json``.
 
     Args:
@@ -259,7 +259,7 @@ def document(
 
 def _method(
     name: str, result: Result, zero: Mapping[str, float], units: Mapping[str, str], is_truth: bool
-) -> dict[str, Any]:
+) -> Fields:
     parameters = {}
     for key, parameter in result.parameters.items():
         same_quantity = units.get(key, parameter.unit) == parameter.unit

@@ -7,10 +7,11 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeGuard
+from typing import TYPE_CHECKING, Protocol, TypeGuard
 
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError, ModelError, NotConverged, unknown
+from vibrident.base.fields import Fields, GivenFields
 from vibrident.data.io import GivenCalibration, as_calibration
 from vibrident.data.records import Calibration
 from vibrident.fit.estimators import Estimator, ranked
@@ -90,7 +91,7 @@ class Comparison:
 
     results: Mapping[str, Result]
     truth: Mapping[str, float] = field(default_factory=dict)
-    cross_validations: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    cross_validations: Mapping[str, GivenFields] = field(default_factory=dict)
 
     __repr__ = brief
 
@@ -111,7 +112,7 @@ class Comparison:
         ]
         return pd.DataFrame(rows).set_index(["method", "parameter"])
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Fields:
         """Return what ``comparison.json`` says: plain values."""
         scores = {name: dict(score) for name, score in self.cross_validations.items()}
         return document(dict(self.results), dict(self.truth), scores)
@@ -325,7 +326,7 @@ def _cross_validate_methods(
     methods: Sequence[IdentificationMethod],
     results: Mapping[str, Result],
     listener: Listener,
-) -> dict[str, dict[str, Any]]:
+) -> dict[str, Fields]:
     scores = {}
     for method in methods:
         if method.name not in results:

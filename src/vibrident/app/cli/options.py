@@ -13,6 +13,7 @@ from vibrident.app.workflow.estimators import DISCRETISATIONS as DISCRETISATIONS
 from vibrident.app.workflow.estimators import UNCERTAINTIES as UNCERTAINTIES
 from vibrident.app.workflow.estimators import estimator_names
 from vibrident.base.errors import InputError, unknown
+from vibrident.base.fields import Fields
 from vibrident.export.registry import EXPORTS
 from vibrident.fit.registry import ESTIMATORS
 from vibrident.physics.registry import MODELS
@@ -217,9 +218,9 @@ def pairs(name: str, texts: Sequence[str], example: str) -> dict[str, str]:
     return values
 
 
-def settings(texts: Sequence[str]) -> dict[str, Any]:
+def settings(texts: Sequence[str]) -> Fields:
     """Return the settings of ``--set NAME=VALUE``: numbers, true, false, or text."""
-    values: dict[str, Any] = {}
+    values: Fields = {}
     for name, text in pairs("--set", texts, "limit=2").items():
         if name in SETTINGS:
             raise InputError(

@@ -15,6 +15,7 @@ from starlette.responses import PlainTextResponse, Response
 
 from vibrident.app.web.authentication import Authenticator, Headers
 from vibrident.app.web.language import SCOPE, choose_language
+from vibrident.base.fields import Fields
 
 _ENVELOPE_BYTES = 1_000_000  # allowance for the browser's envelope around files
 _MAX_LENGTH_DIGITS = 18
@@ -162,7 +163,7 @@ class Guard:
         added = {"content-security-policy": policy(host, nonce), **_HEADERS, **cookie}
         added_headers = [(key.encode(), value.encode()) for key, value in added.items()]
         # the start of a page, until its scripts have the nonce
-        page_start: dict[str, Any] | None = None
+        page_start: Fields | None = None
 
         async def counted() -> Any:
             nonlocal received

@@ -12,6 +12,7 @@ from vibrident.app.web.language import phrase, translate
 from vibrident.app.web.outcome import MAX_STORE_BYTES, offer_download
 from vibrident.app.web.state import NamedResult
 from vibrident.app.web.user import User
+from vibrident.base.fields import Fields
 from vibrident.data.io.certificate import CertificateData
 from vibrident.lab.issue.drafts import ISSUED, REVIEWED, same_account
 from vibrident.show.views import capitalised
@@ -82,7 +83,7 @@ class IssueStep:
         )
         frame.scroll_to(self.section)
 
-    def _show_draft(self, draft: dict[str, Any], replaced_by: str | None) -> None:
+    def _show_draft(self, draft: Fields, replaced_by: str | None) -> None:
         draft_id = draft["id"]
         is_issued = draft["state"] == ISSUED
         if is_issued:
@@ -101,7 +102,7 @@ class IssueStep:
             if not is_issued and self.user.may("approve"):
                 self._build_approval(draft)
 
-    def _build_approval(self, draft: dict[str, Any]) -> None:
+    def _build_approval(self, draft: Fields) -> None:
         """Build what an account with the role ``approve`` can do with a draft."""
         draft_id = draft["id"]
         if same_account(draft["author"], self.user.owner):
@@ -162,7 +163,7 @@ class IssueStep:
         await offer_download(self.user, str, *document, file_bytes=MAX_STORE_BYTES)
 
 
-def _describe_history(draft: dict[str, Any], replaced_by: str | None) -> str:
+def _describe_history(draft: Fields, replaced_by: str | None) -> str:
     """Return a sentence on who did what with a draft."""
     steps = [
         translate(

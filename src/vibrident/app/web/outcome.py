@@ -16,6 +16,7 @@ from vibrident.app.web.session import RESULT
 from vibrident.app.web.state import NamedResult
 from vibrident.app.web.user import User
 from vibrident.app.web.words import LABELS
+from vibrident.base.fields import Fields
 from vibrident.data.io.certificate import CertificateData
 from vibrident.show.report import FILE_NAMES
 
@@ -193,9 +194,7 @@ class OutcomeStep:
             archive = (sandboxed.write_everything, named.path, calibration, folder, stated)
             await offer_download(self.user, name, *archive, file_bytes=_MAX_EXPORT_BYTES)
 
-    async def _download_export(
-        self, named: NamedResult, form: str, options: dict[str, Any]
-    ) -> None:
+    async def _download_export(self, named: NamedResult, form: str, options: Fields) -> None:
         await self.user.note("exported", named.path, form=form)
         full_name = self.certificate.name_of_file
         stated = self.certificate.stated_data()
@@ -304,7 +303,7 @@ async def offer_download(
         ui.download.file(download, name)
 
 
-def _curves(outcome: dict[str, Any]) -> None:
+def _curves(outcome: Fields) -> None:
     if outcome["left_out"]:
         frame.hint(translate("Not everything can be drawn here; see the report (HTML)."))
     for title, figure, height in outcome["charts"]:

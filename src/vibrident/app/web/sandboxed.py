@@ -22,6 +22,7 @@ from vibrident.app.web.session import refuse_outside
 from vibrident.app.web.translated import MAX_CHART_BYTES, charts, fitting, fragment
 from vibrident.app.web.words import page_word
 from vibrident.base.errors import InputError, VibridentError
+from vibrident.base.fields import Fields
 from vibrident.data.io import read
 from vibrident.data.io.certificate import CertificateData, certificate_text
 from vibrident.data.io.columns import require_room
@@ -111,7 +112,7 @@ def model_and_estimator(path: Path) -> tuple[str, str]:
     return result.model, result.estimator
 
 
-def read_outcome(path: Path, code: str = "en") -> dict[str, Any]:
+def read_outcome(path: Path, code: str = "en") -> Fields:
     """Return the view of a result: verdict, numbers, warnings as HTML, and charts as JSON."""
     speak = language(code)
     fitted = Result.load(path)  # warnings and findings count in its own u, as their sentences do
@@ -184,7 +185,7 @@ def write_report(
 
 
 def write_export(
-    path: Path, folder: Path, form: str, options: dict[str, Any], data: CertificateData
+    path: Path, folder: Path, form: str, options: Fields, data: CertificateData
 ) -> tuple[bytes, str]:
     """Return one file as it is, several as an archive, with its name.
 
@@ -233,9 +234,7 @@ def write_everything(
     return archive.getvalue()
 
 
-def compare_results(
-    paths: Sequence[Path], names: Sequence[str], code: str = "en"
-) -> dict[str, Any]:
+def compare_results(paths: Sequence[Path], names: Sequence[str], code: str = "en") -> Fields:
     """Compare results: a chart as JSON or none, and tables as HTML with their titles."""
     results = [Result.load(path) for path in paths]
     speak = language(code)
@@ -248,7 +247,7 @@ def compare_results(
 
 def history(
     path: Path, store: str, data: CertificateData, code: str, action: str = "", by: str = ""
-) -> dict[str, Any]:
+) -> Fields:
     """Return what a store holds of a result's sensor: words, charts as JSON, tables as HTML.
 
     Args:

@@ -15,6 +15,7 @@ from vibrident.app.web.outcome import MAX_STORE_BYTES
 from vibrident.app.web.state import NamedResult
 from vibrident.app.web.user import User
 from vibrident.base.escaping import html
+from vibrident.base.fields import Fields
 from vibrident.data.io.certificate import CertificateData
 
 _MAX_WORK = 40  # results listed of this user
@@ -65,7 +66,7 @@ class SensorsStep:
             return
         self.turn += 1
         turn = self.turn
-        summary: dict[str, Any] = {"count": None, "table": ""}
+        summary: Fields = {"count": None, "table": ""}
         failed = bool(store)
         if store:
             call = (register.sensors, store, serial_part, page_language().code)

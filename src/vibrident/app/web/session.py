@@ -13,6 +13,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields
 from vibrident.data.io.reader import by_ending, unknown_format
 from vibrident.data.io.record_files import natural_sort_key
 
@@ -193,12 +194,12 @@ class PageSession:
             self._written = self._written and name != CALIBRATION
 
     @property
-    def state(self) -> dict[str, Any]:
+    def state(self) -> Fields:
         """Return what the folders do not tell: sizes, and whether the page wrote a file."""
         response_files = sorted(self._response_files)
         return {"sizes": dict(self._sizes), "written": self._written, "known": response_files}
 
-    def restore(self, state: dict[str, Any]) -> None:
+    def restore(self, state: Fields) -> None:
         """Take up a folder that was kept; a file that had not arrived whole is removed."""
         for path in self.folder.iterdir():
             if path.is_dir() and path not in (self.data, self.results):

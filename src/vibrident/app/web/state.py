@@ -15,6 +15,7 @@ from vibrident.app.web.column_guess import ColumnGuess
 from vibrident.app.web.form.description import Description
 from vibrident.app.web.tasks import TaskRequest
 from vibrident.base import parcel
+from vibrident.base.fields import Fields
 from vibrident.data.io.certificate import CertificateData
 
 _MAX_STATE_BYTES = 20_000_000  # most bytes of what is kept of a user
@@ -62,7 +63,7 @@ class ConfirmedCalibration:
     from_form: bool
 
 
-def write_state(folder: Path, state: dict[str, Any]) -> None:
+def write_state(folder: Path, state: Fields) -> None:
     """Replace the kept state of a user; do nothing if the folder is gone."""
     with contextlib.suppress(FileNotFoundError):
         partial = folder / "state.part"
@@ -73,7 +74,7 @@ def write_state(folder: Path, state: dict[str, Any]) -> None:
         partial.replace(folder / "state")
 
 
-def read_state(folder: Path) -> dict[str, Any] | None:
+def read_state(folder: Path) -> Fields | None:
     """Return the kept state; None if there is none, or another version wrote it."""
     try:
         with (folder / "state").open("rb") as file:

@@ -13,6 +13,7 @@ from vibrident.app.web.sandboxed import model_and_estimator
 from vibrident.app.web.task_work import ARCHIVE, OUT, RESULT_FILE, work
 from vibrident.app.web.tasks import IDENTIFY, TASKS, TaskRequest
 from vibrident.app.web.worker import StoppedError, Worker
+from vibrident.base.fields import Fields
 
 _MAX_RESULTS = 10  # results of a task that join those of the page
 
@@ -31,7 +32,7 @@ class TaskProgress:
     notes: list[str] = field(default_factory=list)
     over: bool = False
     error: Exception | None = None
-    output: dict[str, Any] | None = None  # tables, charts, notes
+    output: Fields | None = None  # tables, charts, notes
     archive: Path | None = None
     kept_results: int = 0  # results that joined those of the page
     began: float = field(default_factory=time.monotonic)
@@ -113,7 +114,7 @@ class TaskRun:
         return self.progress is not None and not self.progress.over
 
     @property
-    def state(self) -> dict[str, Any] | None:
+    def state(self) -> Fields | None:
         """Return what the next server has to report as broken off; None for nothing."""
         now = self.progress
         if now is None or (now.over and not isinstance(now.error, StoppedError)):
@@ -126,7 +127,7 @@ class TaskRun:
         )
         return {"request": now.request, "error": dict(vars(error))}
 
-    def restore(self, state: dict[str, Any] | None) -> None:
+    def restore(self, state: Fields | None) -> None:
         """Take up a task that was broken off."""
         if state is not None:
             error = StoppedError(**state["error"])

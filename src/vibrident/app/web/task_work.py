@@ -13,6 +13,7 @@ from vibrident.app.web.session import refuse_outside
 from vibrident.app.web.tasks import IDENTIFY
 from vibrident.app.workflow.estimators import AUTO
 from vibrident.app.workflow.made import ProgressReporter, TaskOutput
+from vibrident.base.fields import Fields, GivenFields
 
 #: The folder of the files of a task, the archive of them, and the result that it works with.
 OUT = "files"
@@ -51,12 +52,12 @@ class ProcessProgress(ProgressReporter):
 
 def work(
     task: str,
-    options: dict[str, Any],
+    options: Fields,
     files: Sequence[str],
     code: str,
     *,
     progress: Callable[..., object],
-) -> dict[str, Any]:
+) -> Fields:
     """Do a task on the files of the folder; the files that it makes lie in ``OUT``.
 
     ``code``: of the language of what is shown.
@@ -92,7 +93,7 @@ def work(
 
 
 def _compare(
-    options: dict[str, Any], files: Sequence[str], folder: Path, progress: ProcessProgress
+    options: Fields, files: Sequence[str], folder: Path, progress: ProcessProgress
 ) -> TaskOutput:
     from vibrident.app.workflow.comparison import compare
     from vibrident.data.io import read
@@ -109,7 +110,7 @@ def _compare(
 
 
 def _predict(
-    options: dict[str, Any], files: Sequence[str], folder: Path, progress: ProcessProgress
+    options: Fields, files: Sequence[str], folder: Path, progress: ProcessProgress
 ) -> TaskOutput:
     from vibrident.app.workflow.folder import load_result
     from vibrident.app.workflow.uses import predict
@@ -120,7 +121,7 @@ def _predict(
 
 
 def _correct(
-    options: dict[str, Any], files: Sequence[str], folder: Path, progress: ProcessProgress
+    options: Fields, files: Sequence[str], folder: Path, progress: ProcessProgress
 ) -> TaskOutput:
     from vibrident.app.workflow.folder import load_result
     from vibrident.app.workflow.uses import correct
@@ -138,7 +139,7 @@ def _correct(
 
 
 def _track(
-    options: dict[str, Any], files: Sequence[str], folder: Path, progress: ProcessProgress
+    options: Fields, files: Sequence[str], folder: Path, progress: ProcessProgress
 ) -> TaskOutput:
     from vibrident.app.workflow.tracked import track
     from vibrident.use.tracking import FALSE_ALARMS_PER_DAY
@@ -156,7 +157,7 @@ def _track(
 
 
 def _plan(
-    options: dict[str, Any], files: Sequence[str], folder: Path, progress: ProcessProgress
+    options: Fields, files: Sequence[str], folder: Path, progress: ProcessProgress
 ) -> TaskOutput:
     from vibrident.app.workflow.folder import load_result
     from vibrident.app.workflow.uses import describe_plan, write_plan
@@ -176,7 +177,7 @@ def _plan(
 
 
 def _identify(
-    options: dict[str, Any], files: Sequence[str], folder: Path, progress: ProcessProgress
+    options: Fields, files: Sequence[str], folder: Path, progress: ProcessProgress
 ) -> TaskOutput:
     """Identify as the command line does; several calibrations together."""
     from vibrident.app.workflow.identification import IdentifyRequest, result_folders, run
@@ -204,7 +205,7 @@ def _identify(
 
 
 def _fleet(
-    options: dict[str, Any], files: Sequence[str], folder: Path, progress: ProcessProgress
+    options: Fields, files: Sequence[str], folder: Path, progress: ProcessProgress
 ) -> TaskOutput:
     from vibrident.lab.fleet.parts import load_arrow
     from vibrident.lab.fleet.summary import overview
@@ -220,9 +221,7 @@ def _fleet(
     return TaskOutput(overview(outcome))
 
 
-_TASKS: Mapping[
-    str, Callable[[dict[str, Any], Sequence[str], Path, ProcessProgress], TaskOutput]
-] = {
+_TASKS: Mapping[str, Callable[[Fields, Sequence[str], Path, ProcessProgress], TaskOutput]] = {
     "compare": _compare,
     "predict": _predict,
     "correct": _correct,
@@ -234,6 +233,6 @@ _TASKS: Mapping[
 }
 
 
-def _band(options: Mapping[str, Any]) -> tuple[float, float] | None:
+def _band(options: GivenFields) -> tuple[float, float] | None:
     """Return both ends of a band, which were checked to be there together; None for neither."""
     return None if "low_hz" not in options else (options["low_hz"], options["high_hz"])

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 from vibrident.app.web.language import phrase
 from vibrident.app.workflow.estimators import AUTO, estimators_with
+from vibrident.base.fields import Fields
 
 IDENTIFY = "identify"  # the task of a step of its own
 
@@ -118,7 +119,7 @@ class TaskRequest:
     """A task as it was asked for, or an identification."""
 
     task: str
-    options: dict[str, Any]
+    options: Fields
     result: str = ""  # name of the chosen result
     files: tuple[str, ...] = ()  # calibration files, in the folder of the data
     language: str = "en"  # of the tables and charts

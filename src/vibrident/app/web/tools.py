@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import Any
 
@@ -16,6 +16,7 @@ from vibrident.app.web.task_run import TaskProgress
 from vibrident.app.web.tasks import TASKS, Field, Task, TaskRequest
 from vibrident.app.web.user import User
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields, GivenFields
 from vibrident.fit.registry import ESTIMATORS
 from vibrident.physics.models import ADD_ONS, CORES
 
@@ -64,7 +65,7 @@ class ToolsStep(RunStep):
         """Build the elements for the options of the chosen task."""
         task = TASKS[self.task.value]
         self.hint.text = translate(task.hint)
-        self.option_elements: dict[str, Any] = {}
+        self.option_elements: Fields = {}
         self.result = None
         self.fields.clear()
         with self.fields:
@@ -190,7 +191,7 @@ def _number(field: Field, value: float) -> float | int:
     return int(value) if is_whole else float(value)
 
 
-def _require_band(task: Task, options: Mapping[str, Any]) -> None:
+def _require_band(task: Task, options: GivenFields) -> None:
     """Refuse one end of a band without the other, or the higher one first."""
     low = options.get("low_hz")
     high = options.get("high_hz")

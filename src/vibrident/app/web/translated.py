@@ -8,10 +8,11 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from vibrident.app.web.language import Language, phrase
 from vibrident.base.errors import VibridentError
+from vibrident.base.fields import Fields
 from vibrident.show.formulas import Mixed
 from vibrident.show.media import charts as media
 from vibrident.show.media import html
@@ -96,7 +97,7 @@ def translated(language: Language, shown: _T) -> _T:
             return type(shown)(translated(language, each) for each in shown)
         case dict():
             return type(shown)((key, translated(language, each)) for key, each in shown.items())
-    words: dict[str, Any] = {
+    words: Fields = {
         name: translated(language, getattr(shown, name)) for name in _WORDS.get(type(shown), ())
     }
     match shown:

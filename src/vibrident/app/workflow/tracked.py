@@ -10,6 +10,7 @@ from vibrident.app.workflow.folder import load_result
 from vibrident.app.workflow.made import SILENT, ProgressReporter, TaskOutput
 from vibrident.app.workflow.tracking import RECORDS, TrackingFiles
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields
 from vibrident.show.rows import table_of
 from vibrident.show.views import Sentence
 from vibrident.use.tracking import DRIFT_PER_YEAR, EVERY_S, FALSE_ALARMS_PER_DAY
@@ -118,7 +119,7 @@ def _sampling_rate_hz(described: CalibrationFile, calibration: Path) -> float:
 
 def parameter_rows(
     values: Mapping[str, float], u: Mapping[str, float], units: Mapping[str, str]
-) -> list[dict[str, Any]]:
+) -> list[Fields]:
     """Return parameters by name, to the second digit of u."""
     from vibrident.show.numbers import pair
 
@@ -188,7 +189,7 @@ def _run(
             )
 
 
-def _describe(document: dict[str, Any], folder: Path, sensor: dict[str, object]) -> TaskOutput:
+def _describe(document: Fields, folder: Path, sensor: dict[str, object]) -> TaskOutput:
     """Return the sensor at the end, the alarms, and the chart of track.csv."""
     from pandas import read_csv
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 import traceback
 from pathlib import Path
-from typing import Any
 
 from vibrident.base.errors import InputError, VibridentError
+from vibrident.base.fields import Fields
 from vibrident.result import Result
 from vibrident.result.document import plain
 
@@ -19,7 +19,7 @@ FAILED = "failed"
 #: chi2_reduced, warnings, seconds as in the table, ``parameters`` being name → [value, u, unit];
 #: ``finished``: when, in seconds since 1970; ``passing``: True if the next run is to try again,
 #: because another attempt may have another outcome.
-Row = dict[str, Any]
+Row = Fields
 
 
 def identified(key: str, result: Result, seconds: float) -> Row:

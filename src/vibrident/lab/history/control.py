@@ -16,12 +16,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.optimize import brentq
 from scipy.special import ndtr
 
-from vibrident.data.records import FloatArray
+from vibrident.data.records import BoolArray, FloatArray
 
 FALSE_ALARM = 0.01
 LIFE = 20  # comparisons over which that holds: a sensor's life, calibrated every year or two
@@ -56,7 +55,7 @@ def recursive_residuals(value: FloatArray, covariance: FloatArray) -> FloatArray
     return solve_triangular(root, change @ value, lower=True)
 
 
-def charts(residuals: FloatArray, restart: NDArray[np.bool_]) -> tuple[ControlChart, ControlChart]:
+def charts(residuals: FloatArray, restart: BoolArray) -> tuple[ControlChart, ControlChart]:
     """Return EWMA and CUSUM of residuals.
 
     Where ``restart`` is true, a new series begins, and both start again.
@@ -64,7 +63,7 @@ def charts(residuals: FloatArray, restart: NDArray[np.bool_]) -> tuple[ControlCh
     return _ewma(residuals, restart), _cusum(residuals, restart)
 
 
-def _ewma(residuals: FloatArray, restart: NDArray[np.bool_]) -> ControlChart:
+def _ewma(residuals: FloatArray, restart: BoolArray) -> ControlChart:
     factor = ewma_factor()
     level = 0.0
     count = 0
@@ -79,7 +78,7 @@ def _ewma(residuals: FloatArray, restart: NDArray[np.bool_]) -> ControlChart:
     return _chart("EWMA", levels, levels, limits, ewma_run_length(factor))
 
 
-def _cusum(residuals: FloatArray, restart: NDArray[np.bool_]) -> ControlChart:
+def _cusum(residuals: FloatArray, restart: BoolArray) -> ControlChart:
     limit = cusum_limit()
     high = 0.0
     low = 0.0

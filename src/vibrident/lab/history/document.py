@@ -5,11 +5,11 @@ from __future__ import annotations
 import datetime
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields
 from vibrident.data.records import FloatArray
 from vibrident.lab.history import control, query, schema
 from vibrident.lab.history.drift import Mixture
@@ -43,9 +43,7 @@ class Question:
     today: datetime.date | None = None  # the date that counts as today
 
 
-def of_sensor(
-    store: Store, sensor: StoredSensor, question: Question = Question()
-) -> dict[str, Any]:
+def of_sensor(store: Store, sensor: StoredSensor, question: Question = Question()) -> Fields:
     """Return the document of one sensor.
 
     Raises:
@@ -77,7 +75,7 @@ def _life(store: Store, sensor: StoredSensor, entries: Sequence[Entry]) -> Life:
     return life(entries, query.events(store, sensor.id).get(sensor.id, []))
 
 
-def of_result(store: Store, result: Result) -> dict[str, Any] | None:
+def of_result(store: Store, result: Result) -> Fields | None:
     """Return the document of the sensor of a result.
 
     None if there is no store or it holds no calibration of this sensor.
@@ -118,7 +116,7 @@ def _no_such_quantity(store: Store, sensor: StoredSensor, question: Question) ->
 
 def all_due(
     store: Store, question: Question, type_name: str | None = None, sensor_id: int | None = None
-) -> list[dict[str, Any]]:
+) -> list[Fields]:
     """Return the due dates of the sensors that have the quantity, the earliest first.
 
     Args:
@@ -146,7 +144,7 @@ def all_due(
     return sorted(rows, key=lambda row: (_first_due(row), row["serial_number"]))
 
 
-def _first_due(row: dict[str, Any]) -> str:
+def _first_due(row: Fields) -> str:
     """Return the earlier of the dates by the risk and by the interval in force.
 
     It is a late date if there is neither. A sensor that was recalled is not due.
@@ -155,7 +153,7 @@ def _first_due(row: dict[str, Any]) -> str:
     return min((date for date in dates if date), default="9999-12-32")
 
 
-def _without_risk(history: Life, question: Question) -> dict[str, Any]:
+def _without_risk(history: Life, question: Question) -> Fields:
     """Return the due date without a tolerance: that of the interval in force.
 
     There is none if no calibration counts.
@@ -172,7 +170,7 @@ def _without_risk(history: Life, question: Question) -> dict[str, Any]:
     return unknown | {"why": why, "interval_years": interval, "by_interval": by_interval}
 
 
-def _quantity(history: Life, name: str) -> dict[str, Any]:
+def _quantity(history: Life, name: str) -> Fields:
     entries = history.entries or [entry for entry, _ in history.left_out if entry.value is not None]
     present = entries[-1]
     return {
@@ -183,7 +181,7 @@ def _quantity(history: Life, name: str) -> dict[str, Any]:
     }
 
 
-def _calibrations(history: Life) -> list[dict[str, Any]]:
+def _calibrations(history: Life) -> list[Fields]:
     counted = {entry.id: i for i, entry in enumerate(history.entries)}
     reasons = {entry.id: reason for entry, reason in history.left_out}
     entries = sorted(
@@ -212,7 +210,7 @@ def _calibrations(history: Life) -> list[dict[str, Any]]:
     return rows
 
 
-def _series(history: Life) -> list[dict[str, Any]]:
+def _series(history: Life) -> list[Fields]:
     starts = [(0, "the first calibration"), *((item.index, item.why) for item in history.breaks)]
     return [
         {"series": number, "from": history.entries[index].date, "why": why}
@@ -221,7 +219,7 @@ def _series(history: Life) -> list[dict[str, Any]]:
     ]
 
 
-def _drift(history: Life, question: Question) -> dict[str, Any]:
+def _drift(history: Life, question: Question) -> Fields:
     drift = history.drift
     if drift is None:
         return {"why": history.without_drift}
@@ -263,7 +261,7 @@ def _year(history: Life, date: datetime.date) -> float:
     return years_between(history.entries[0].date, date)
 
 
-def _curve(history: Life, until: datetime.date) -> list[dict[str, Any]]:
+def _curve(history: Life, until: datetime.date) -> list[Fields]:
     """Return the prediction from the last calibration on."""
     first = history.entries[-1].date.toordinal()
     days = sorted({round(day) for day in np.linspace(first, until.toordinal(), _CURVE)})
@@ -273,12 +271,12 @@ def _curve(history: Life, until: datetime.date) -> list[dict[str, Any]]:
     ]
 
 
-def _mixture(mixture: Mixture) -> dict[str, Any]:
+def _mixture(mixture: Mixture) -> Fields:
     values = {"value": mixture.value, "u": mixture.u, "U": K * mixture.u}
     return values | {"interval_95": mixture.interval_95}
 
 
-def _control(history: Life) -> dict[str, Any] | None:
+def _control(history: Life) -> Fields | None:
     """Return both charts over all series; each series restarts them.
 
     ``if_new``: dates of alarms where a source that no instrument identifies is new each time; None
@@ -325,7 +323,7 @@ def _residuals(history: Life, covariance: FloatArray) -> tuple[list[float], list
     return residuals, restart, indices
 
 
-def _due(history: Life, sensor: StoredSensor, question: Question) -> dict[str, Any] | None:
+def _due(history: Life, sensor: StoredSensor, question: Question) -> Fields | None:
     tolerance = question.tolerance(sensor)
     if tolerance is None or not history.entries:
         return None
@@ -335,7 +333,7 @@ def _due(history: Life, sensor: StoredSensor, question: Question) -> dict[str, A
     return vars(dates) | {"risk": RISK, "limits": limits, "tolerance": tolerance.relative}
 
 
-def listed(store: Store, type_name: str | None = None) -> list[dict[str, Any]]:
+def listed(store: Store, type_name: str | None = None) -> list[Fields]:
     """Return the sensors of a store, or of a type."""
     return [
         plain(sensor.as_dict() | {"calibrations": times, "first": first, "last": last})

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from vibrident.data.records import FloatArray
+from vibrident.data.records import BoolArray, FloatArray
 
 _QUANTILE_BISECTIONS = (
     45  # bisections of the interval that holds a quantile: they resolve 10⁻¹² of it
@@ -145,9 +145,7 @@ class SensorDrift:
         within = np.concatenate([prior, prior, np.outer(prior, prior).ravel(), [1.0]])
         return line, walk, within * np.array(PRIOR_WEIGHTS)[kind] / sum(PRIOR_WEIGHTS), kind
 
-    def _process(
-        self, rows: FloatArray, columns: FloatArray, same: NDArray[np.bool_]
-    ) -> FloatArray:
+    def _process(self, rows: FloatArray, columns: FloatArray, same: BoolArray) -> FloatArray:
         """Return the covariance of the drift between two sets of times.
 
         Its shape is (m, len(rows), len(columns)).

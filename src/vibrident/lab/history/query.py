@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import sqlalchemy as sa
 
 from vibrident.base.errors import InputError, did_you_mean
+from vibrident.base.fields import Fields
 from vibrident.base.nominal import SAME
 from vibrident.lab.history.life import Entry, Event
 from vibrident.lab.history.schema import (
@@ -330,7 +331,7 @@ def no_calibration(store: Store, calibration_id: int) -> InputError:
     )
 
 
-def rows(store: Store) -> Iterator[dict[str, Any]]:
+def rows(store: Store) -> Iterator[Fields]:
     """Yield a row a calibration for export.
 
     It holds sensor, calibration, and parameters as NAME and NAME_u.
@@ -343,7 +344,7 @@ def rows(store: Store) -> Iterator[dict[str, Any]]:
     named = [s.manufacturer, s.type, s.serial_number, s.axis]
     standings = _standings(store, None)
     with store.reading() as connection:
-        values: dict[int, dict[str, Any]] = {}
+        values: dict[int, Fields] = {}
         for row in connection.execute(sa.select(parameter)):
             numbers = values.setdefault(row.calibration_id, {})
             numbers |= {row.name: row.value, f"{row.name}_u": row.standard_uncertainty}

@@ -8,9 +8,9 @@ import json
 import math
 import zlib
 from dataclasses import dataclass
-from typing import Any
 
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields
 from vibrident.lab.history import schema
 from vibrident.result import Parameter, Result
 from vibrident.result.document import plain
@@ -28,17 +28,15 @@ _OF_POINTS = (
     *("phase_deg", "phase_deg_uncertainty"),
 )
 
-DatabaseRow = dict[str, Any]
-
 
 @dataclass(frozen=True)
 class ResultRows:
     """Result as rows by table, without the keys that the database gives."""
 
-    sensor: DatabaseRow
-    calibration: DatabaseRow
-    parameters: list[DatabaseRow]
-    points: list[DatabaseRow]
+    sensor: Fields
+    calibration: Fields
+    parameters: list[Fields]
+    points: list[Fields]
 
 
 def rows_of(
@@ -134,7 +132,7 @@ def _data_files(result: Result) -> list[str]:
     return sorted({text[:_FILE_DIGITS] for text in hashes if text})
 
 
-def _parameters(result: Result) -> list[DatabaseRow]:
+def _parameters(result: Result) -> list[Fields]:
     """Return the rows of the parameters, and of the sensitivity at the reference frequency."""
     parameters = dict(result.parameters)
     shared = {name: shared_sources(result, parameter=name) for name in parameters}
@@ -157,7 +155,7 @@ def _parameters(result: Result) -> list[DatabaseRow]:
     ]
 
 
-def _points(result: Result) -> list[DatabaseRow]:
+def _points(result: Result) -> list[Fields]:
     """Return the nominal points of a calibration; a tracked result is none."""
     points = () if result.is_tracked else nominal_points(result)
     return [

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError, unknown
+from vibrident.base.fields import Fields
 from vibrident.base.memory import in_one_thread
 from vibrident.data.records import (
     REFERENCE_UNITS,
@@ -343,7 +343,7 @@ def _noise_of_result(
     return at(u), None if np.isnan(phase).any() else phase
 
 
-def plan_document(planned: Plan) -> dict[str, Any]:
+def plan_document(planned: Plan) -> Fields:
     """Return the plain values of ``plan.json``."""
     points = zip(
         planned.frequency_hz.tolist(),

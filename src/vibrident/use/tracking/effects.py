@@ -7,12 +7,13 @@ the share of the samples, √(1 − w²) of each effect is added.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from vibrident.base.fields import Fields, GivenFields
 from vibrident.data.records import FloatArray
 from vibrident.fit.uncertainty.budget import DATA
 from vibrident.result import Result
@@ -27,13 +28,13 @@ SCATTER = "noise, and the calibration that the session began with"
 class CarriedEffects:
     """Effects of type B that a calibration stated."""
 
-    rows: tuple[Mapping[str, Any], ...]  # of its budget
+    rows: tuple[GivenFields, ...]  # of its budget
     contributions: FloatArray  # standard uncertainty of each in each parameter, (rows, parameters)
     start: FloatArray  # covariance of the calibration, (parameters, parameters)
     reference: FloatArray  # relative u of the session's own reference, at the gain, (parameters,)
     # rows of the known responses of the session's own channels, and how far one u of each moves
     # each parameter, (rows, parameters)
-    channel_rows: Sequence[Mapping[str, Any]]
+    channel_rows: Sequence[GivenFields]
     channel_moves: FloatArray
 
     @classmethod
@@ -82,7 +83,7 @@ class CarriedEffects:
         named = dict(zip(read.values, u, strict=True))
         return replace(read, uncertainty=named, covariance=covariance)
 
-    def budget(self, read: TrackedEstimate, freedom: float) -> list[dict[str, Any]]:
+    def budget(self, read: TrackedEstimate, freedom: float) -> list[Fields]:
         """Return the uncertainty budget of an estimate to which no effects are added yet.
 
         Its rows: the estimate's scatter, the session's reference, and each effect carried.

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields, GivenFields
 from vibrident.base.memory import in_one_thread
 from vibrident.data.io import GivenCalibration, as_calibration
 from vibrident.data.records import Quantity
@@ -127,7 +127,7 @@ class SensorTracker:
         """Return the changes of the sensor so far, in the order of their detection."""
         return tuple(self._session.alarms)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Fields:
         """Return what ``track.json`` says: plain values."""
         return self._session.document()
 
@@ -150,7 +150,7 @@ class Tracking:
     estimates: tuple[TrackedEstimate, ...]
     alarms: tuple[Alarm, ...]
     result: Result
-    document: Mapping[str, Any]
+    document: GivenFields
 
     __repr__ = brief
 
@@ -160,7 +160,7 @@ class Tracking:
 
         rows = []
         for estimate in self.estimates:
-            row: dict[str, Any] = {"time_s": estimate.time_s}
+            row: Fields = {"time_s": estimate.time_s}
             for name, value in estimate.values.items():
                 row |= {name: value, f"{name}_u": estimate.uncertainty[name]}
             rows.append(

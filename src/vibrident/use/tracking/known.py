@@ -7,11 +7,11 @@ least-squares projection of that change onto their slopes, weighted by the motio
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy import fft
 
+from vibrident.base.fields import Fields
 from vibrident.data.known.unsure import change_by
 from vibrident.data.records import Calibration, FloatArray, Record
 from vibrident.fit.response.deconvolution import chain_of, deconvolved
@@ -41,7 +41,7 @@ def _without_overdriven(record: Record) -> Record:
 
 def known_effects(
     calibration: Calibration, sensor: IdentifiedSensor
-) -> tuple[list[dict[str, Any]], FloatArray]:
+) -> tuple[list[Fields], FloatArray]:
     """Return the effects of known responses on the parameters of a sensor.
 
     Args:
@@ -77,7 +77,7 @@ def known_effects(
     return rows, (moves / scale[:, None]).T
 
 
-def budget_row(source: str, kind: str, standard_uncertainty: float) -> dict[str, Any]:
+def budget_row(source: str, kind: str, standard_uncertainty: float) -> Fields:
     """Return a row of type B of an uncertainty budget, without its contributions."""
     return {
         "source": source,

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
+from vibrident.base.fields import Fields
 from vibrident.data.records import Calibration, FloatArray, Quantity, Record
 from vibrident.data.sources.kinds.calibration_records import chunks_of
 from vibrident.data.sources.source import Chunk
@@ -241,7 +241,7 @@ class TrackingSession:
             )
         )
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Fields:
         """Return the plain values of ``track.json``."""
         read = self.read()
         net = self.tracker.network
@@ -291,7 +291,7 @@ class TrackingSession:
         noise = estimate_reference_noise(self.tracker) if self.tracker.noise else None
         return noise if noise and noise.certain else None
 
-    def _noise_document(self, read: TrackedEstimate) -> dict[str, Any] | None:
+    def _noise_document(self, read: TrackedEstimate) -> Fields | None:
         """Return the entry on the reference's noise in ``track.json``, or None.
 
         It has rms and u, the shifts of parameters above their u, and whether they are corrected.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,6 +28,7 @@ from vibrident.app.cli.options import (
 )
 from vibrident.app.workflow.folder import load_result, write_json, written_whole
 from vibrident.base.errors import InputError
+from vibrident.base.fields import GivenFields
 
 if TYPE_CHECKING:
     from vibrident.result import Result
@@ -329,7 +330,7 @@ def _print(form: str, content: Any, blocks: Callable[[], Iterable[Block | None]]
         show(*blocks())
 
 
-def _write(document: Mapping[str, Any], target: Path) -> None:
+def _write(document: GivenFields, target: Path) -> None:
     """Write the history of one sensor in the form that the file's ending names."""
     with written_whole(target.parent) as output:
         file = output.path / target.name

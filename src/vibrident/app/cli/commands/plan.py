@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from vibrident.app.cli import options
 from vibrident.app.cli.console import show_output, show_written
@@ -13,6 +13,7 @@ from vibrident.app.cli.options import choice, flag, option
 from vibrident.app.cli.progress import ProgressBar
 from vibrident.app.workflow.folder import load_result, written_whole
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields
 
 if TYPE_CHECKING:
     from vibrident.result import Result
@@ -134,7 +135,7 @@ def plan(
         _predict_mounted(source, mounting_inputs, frequencies, folder)
         return
     values = _parameters(parameter or [])
-    settings: dict[str, Any] = {
+    settings: Fields = {
         "frequencies_hz": options.frequencies(frequencies),
         "recording": _recording(
             rate, samples, response_noise, response_noise_rms, reference_noise, reference_noise_rms

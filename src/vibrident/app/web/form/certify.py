@@ -18,6 +18,7 @@ from vibrident.app.web.state import NamedResult
 from vibrident.app.web.user import User
 from vibrident.app.web.words import LABELS
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields, GivenFields
 from vibrident.data.io.calibration_file import SensorSection
 from vibrident.data.io.certificate import (
     CertificateData,
@@ -46,13 +47,13 @@ class CertificateForm:
     ``parameters``.
     """
 
-    def __init__(self, user: User, named: NamedResult, states: Mapping[str, Any]) -> None:
+    def __init__(self, user: User, named: NamedResult, states: GivenFields) -> None:
         self.user = user
         self.named = named
         self.states = states
         self._apply_profile()
-        self.entries: dict[str, Any] = {}
-        self.sensor_entries: dict[str, Any] = {}
+        self.entries: Fields = {}
+        self.sensor_entries: Fields = {}
 
     def _apply_profile(self) -> None:
         """State what the chosen profile states, for a result that was made here."""
@@ -92,7 +93,7 @@ class CertificateForm:
         certificate, sensor = self._statements()
         return name_of_sensor(name, sensor, certificate)
 
-    def _statements(self) -> tuple[dict[str, Any], dict[str, Any]]:
+    def _statements(self) -> tuple[Fields, Fields]:
         statements = self.named.stated or CertificateData()
         return {**self.states["certificate"], **statements.certificate}, {
             **self.states["sensor"],
@@ -141,7 +142,7 @@ class CertificateForm:
             self.errors = frame.add_error_area()
 
     def _build_group(
-        self, title: str, fields: Sequence[FormField], given_values: Mapping[str, Any]
+        self, title: str, fields: Sequence[FormField], given_values: GivenFields
     ) -> None:
         """Build the entries below a heading of the certificate."""
         lists = {field.key: field for field in fields if _KEYS[field.key].kind == "entries"}
@@ -178,7 +179,7 @@ class CertificateForm:
             label = translate("Before adjustment")
             self.before = ui.select(choices, value=value, label=label).props(PLAIN)
 
-    def _read_profile(self) -> dict[str, Any]:
+    def _read_profile(self) -> Fields:
         """Return what the chosen profile states."""
         with suppress(InputError):  # said where the profile is chosen
             return dict(self.user.users.laboratories.read(self.user.profile)["certificate"])

@@ -40,6 +40,7 @@ from vibrident.app.web.session import CALIBRATION
 from vibrident.app.web.state import ConfirmedCalibration, Form
 from vibrident.app.web.user import User
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields
 from vibrident.physics.models import ADD_ONS, CORES
 
 #: Sections that share the heading of the first one.
@@ -195,7 +196,7 @@ class ColumnsStep:
     async def _build_form(self) -> None:
         assert self.user.form is not None
         self.form = form = self.user.form
-        self.elements: dict[str, Any] = {}
+        self.elements: Fields = {}
         self.groups: list[tuple[ui.element, list[str]]] = []
         first_file = self.user.session.files[0]
         frame.hint(translate(_GUESSED_AGAIN if form.touched else _GUESSED, file=first_file))

@@ -11,6 +11,7 @@ from nicegui import events, ui
 from vibrident.app.web import frame
 from vibrident.app.web.form.sources import BANDS, bands_of, table_of
 from vibrident.app.web.language import page_language, phrase, translate
+from vibrident.base.fields import Fields, GivenFields
 from vibrident.data.io.keys import Key
 
 PLAIN = "dense outlined stack-label"  # the style of all entries
@@ -90,14 +91,14 @@ class RowEntries:
         self,
         name: str,
         keys: Sequence[Key],
-        values: Sequence[Mapping[str, Any]],
+        values: Sequence[GivenFields],
         *,
         options: Mapping[str, Mapping[Any, str]] | None = None,
         rare: Collection[str] = (),
         on_change: Callable[[], Any] = lambda: None,
-        applies: Callable[[Key, Mapping[str, Any]], bool] = Key.applies,
-        to_form: Callable[[Mapping[str, Any]], Mapping[str, Any]] = dict,
-        to_file: Callable[[Mapping[str, Any]], dict[str, Any]] = dict,
+        applies: Callable[[Key, GivenFields], bool] = Key.applies,
+        to_form: Callable[[GivenFields], GivenFields] = dict,
+        to_file: Callable[[GivenFields], Fields] = dict,
     ) -> None:
         """Build the rows of ``values``; each is called ``name``, in English, and its number.
 
@@ -116,7 +117,7 @@ class RowEntries:
         self.keys = {key.name: key for key in keys}
         self.rare = {key for key in rare if key in self.keys}
         self.with_all = any(self.rare & {*value} for value in values)
-        self.rows: list[dict[str, Any]] = []
+        self.rows: list[Fields] = []
         self.rows_element = ui.element("div").classes("w-full")
         for value in values:
             self.add(self.to_form(value))
@@ -139,9 +140,9 @@ class RowEntries:
         for row in self.rows:
             self._fit(row)
 
-    def add(self, value: Mapping[str, Any]) -> None:
+    def add(self, value: GivenFields) -> None:
         """Add a row."""
-        row: dict[str, Any] = {}
+        row: Fields = {}
         number = len(self.rows) + 1
         usual = {name: key.default for name, key in self.keys.items() if key.default is not ...}
         with self.rows_element, frame.add_group(f"{translate(self.name)} {number}", 0) as group:
@@ -161,11 +162,11 @@ class RowEntries:
         self.rows.append(row)
         self._fit(row)
 
-    def _edited(self, row: Mapping[str, Any]) -> None:
+    def _edited(self, row: GivenFields) -> None:
         self._fit(row)
         self.on_change()
 
-    def _fit(self, row: Mapping[str, Any]) -> None:
+    def _fit(self, row: GivenFields) -> None:
         """Show the keys that apply beside the others, in their units."""
         entered = {name: element.value for name, element in row.items()}
         for name, key in self.keys.items():
@@ -175,17 +176,17 @@ class RowEntries:
             if key.in_form_by is not None:
                 _show_unit(row[name], key.asked_in(entered)[0])
 
-    def _remove(self, row: dict[str, Any]) -> None:
+    def _remove(self, row: Fields) -> None:
         self.rows.remove(row)
         next(iter(row.values())).parent_slot.parent.delete()
         self.on_change()
 
     @property
-    def value(self) -> list[dict[str, Any]]:
+    def value(self) -> list[Fields]:
         """Return the rows that are filled in, with the keys that apply."""
         return [row for row in map(self.to_file, map(self._value, self.rows)) if row]
 
-    def _value(self, row: Mapping[str, Any]) -> dict[str, Any]:
+    def _value(self, row: GivenFields) -> Fields:
         entered = {name: element.value for name, element in row.items()}
         values = {}
         for name, key in self.keys.items():
@@ -195,7 +196,7 @@ class RowEntries:
         return values
 
 
-def entered(elements: Mapping[str, Any], keys: Mapping[str, Key]) -> dict[str, Any]:
+def entered(elements: GivenFields, keys: Mapping[str, Key]) -> Fields:
     """Return what is filled in, by key, as a file holds it; rows for a list of entries."""
     values = {
         name: element.value
@@ -232,7 +233,7 @@ class BandEntries(RowEntries):
         """Return the table, its values in the unit in which they were asked for."""
         return table_of(super().value)
 
-    def add(self, value: Mapping[str, Any]) -> None:
+    def add(self, value: GivenFields) -> None:
         """Add a band."""
         super().add(value)
         _show_unit(self, self.unit)

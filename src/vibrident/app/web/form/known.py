@@ -19,6 +19,7 @@ from vibrident.app.web.form.entries import RowEntries
 from vibrident.app.web.language import phrase, translate
 from vibrident.app.web.session import MEGABYTE, RESPONSE_ENDINGS
 from vibrident.app.web.user import User
+from vibrident.base.fields import Fields, GivenFields
 from vibrident.data.io.keys import Key, keys_of
 from vibrident.data.io.known_section import KnownResponseEntry
 
@@ -39,10 +40,10 @@ _OF_TABLES = (
     *("magnitude_uncertainty", "phase_uncertainty", "coverage_factor"),
 )
 _OF_CORNERS = ("highpass_hz", "lowpass_hz", "gain", "corner_uncertainty")
-_HZ: Mapping[str, Any] = {"kind": "number", "in_form": ("Hz", 1.0)}
-_PERCENT: Mapping[str, Any] = {"in_form": ("%", 100.0)}
+_HZ: GivenFields = {"kind": "number", "in_form": ("Hz", 1.0)}
+_PERCENT: GivenFields = {"in_form": ("%", 100.0)}
 #: Key → its words in the form, and what differs from the file there.
-_ASKED: Mapping[str, tuple[str, Mapping[str, Any]]] = {
+_ASKED: Mapping[str, tuple[str, GivenFields]] = {
     "file": (phrase("File"), {"kind": "choice"}),
     "frequency": (phrase("Frequency: column"), {}),
     "magnitude": (phrase("Magnitude: column"), {}),
@@ -65,7 +66,7 @@ KEYS = [
 ]
 
 
-def applies(key: Key, row: Mapping[str, Any]) -> bool:
+def applies(key: Key, row: GivenFields) -> bool:
     """Return whether a key has a meaning beside the values of the others."""
     is_in_file = (row.get("stated_as") or _FILE) == _FILE
     if key.name in _OF_TABLES:
@@ -74,13 +75,13 @@ def applies(key: Key, row: Mapping[str, Any]) -> bool:
     return is_in_file if key.name == "file" else key.name not in _OF_CORNERS or not is_in_file
 
 
-def row_of_entry(entry: Mapping[str, Any]) -> dict[str, Any]:
+def row_of_entry(entry: GivenFields) -> Fields:
     """Return an entry of the file as the form asks for it."""
     corners = {name: entry[name][0] for name in ("highpass_hz", "lowpass_hz") if entry.get(name)}
     return {"stated_as": _CORNERS if corners else _FILE, **entry, **corners}
 
 
-def entry_of_row(row: Mapping[str, Any]) -> dict[str, Any]:
+def entry_of_row(row: GivenFields) -> Fields:
     """Return a filled row as the file states it; a corner is a list there, and k is stated."""
     entry = {name: value for name, value in row.items() if name != "stated_as"}
     if {"magnitude_uncertainty", "phase_uncertainty"} & {*entry}:

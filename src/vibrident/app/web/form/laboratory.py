@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -17,6 +16,7 @@ from vibrident.app.web.form.sources import applies, entry_in_file, entry_in_form
 from vibrident.app.web.laboratories import LABORATORY_FILES, MAX_LABORATORY_FILE_BYTES
 from vibrident.app.web.language import page_language, phrase, translate
 from vibrident.app.web.user import User
+from vibrident.base.fields import Fields, GivenFields
 from vibrident.data.io.certificate import CertificateSection
 from vibrident.data.io.keys import keys_of
 from vibrident.data.io.laboratory import LABORATORY_KEYS
@@ -81,7 +81,7 @@ class LaboratoryStep:
             self._build_laboratory(profile["certificate"])
             self._build_buttons()
 
-    def _read_profile(self) -> dict[str, Any]:
+    def _read_profile(self) -> Fields:
         laboratories = self.user.users.laboratories
         try:
             return laboratories.read(self.user.profile)
@@ -89,7 +89,7 @@ class LaboratoryStep:
             frame.show_error(self.errors, error, self.user.session)
             return laboratories.read("")
 
-    def _apply_profile(self, profile: Mapping[str, Any]) -> None:
+    def _apply_profile(self, profile: GivenFields) -> None:
         """Set the form's lists to the profile's, unless the user has changed them."""
         if (columns_form := self.user.applicable_form) is None or not self.user.profile:
             return
@@ -147,7 +147,7 @@ class LaboratoryStep:
                 due = translate("{name}: to be calibrated by {date}.", name=name, date=date)
                 frame.hint(due)
 
-    def _build_sources(self, profile: Mapping[str, Any]) -> None:
+    def _build_sources(self, profile: GivenFields) -> None:
         """Build the lists of the form; without one, those of the profile."""
         columns_form = self.user.applicable_form
         if self.user.session.names and columns_form is None:
@@ -160,7 +160,7 @@ class LaboratoryStep:
             with ui.element("div").classes("w-full").props(f"id={name}"):
                 frame.heading(translate(SECTIONS[name].label))
                 keys = ENTRIES[name]
-                conversion: dict[str, Any] = {}
+                conversion: Fields = {}
                 if name == "uncertainty":
                     keys = source_keys()
                     conversion = {"to_form": entry_in_form, "to_file": entry_in_file}
@@ -176,9 +176,9 @@ class LaboratoryStep:
         self.user.changed()
         self.fit.refresh()
 
-    def _build_laboratory(self, values: Mapping[str, Any]) -> None:
+    def _build_laboratory(self, values: GivenFields) -> None:
         """Build the entries that all certificates of a laboratory share."""
-        self.entries: dict[str, Any] = {}
+        self.entries: Fields = {}
         expansion = ui.expansion(translate("Name, address, instruments, logo")).classes("w-full")
         expansion.props("id=laboratory-data")
         fields = {

@@ -5,12 +5,13 @@ The calibration file knows u, and a table over frequency; a form fills these in.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 from vibrident.app.web.form.description import ENTRIES
 from vibrident.app.web.language import phrase
+from vibrident.base.fields import Fields, GivenFields
 from vibrident.data.io.keys import Key
 
 _EDGE = 1e-9  # relative distance of two rows at the edge between bands, which rise so
@@ -41,7 +42,7 @@ _WAYS_OF = {
 }
 
 
-def applies(key: Key, row: Mapping[str, Any]) -> bool:
+def applies(key: Key, row: GivenFields) -> bool:
     """Return whether a key has a meaning beside the values of the others."""
     return key.applies(row) and row.get("stated_as") in _WAYS_OF.get(key.name, _WAYS)
 
@@ -66,12 +67,12 @@ def source_keys() -> list[Key]:
     return keys
 
 
-def entry_in_form(entry: Mapping[str, Any]) -> dict[str, Any]:
+def entry_in_form(entry: GivenFields) -> Fields:
     """Return an entry of the file as the form asks for it."""
     return {"stated_as": "table" if entry.get("table") else "u", **entry}
 
 
-def entry_in_file(row: Mapping[str, Any]) -> dict[str, Any]:
+def entry_in_file(row: GivenFields) -> Fields:
     """Return a filled row as the file states it: u is U divided by k."""
     entry = {name: value for name, value in row.items() if name != "stated_as"}
     expanded = entry.pop("expanded_uncertainty", None)
@@ -96,7 +97,7 @@ def bands_of(table: Sequence[Sequence[float]]) -> list[dict[str, float]]:
     return bands
 
 
-def table_of(bands: Sequence[Mapping[str, Any]]) -> list[list[Any]]:
+def table_of(bands: Sequence[GivenFields]) -> list[list[Any]]:
     """Return the rows of a table that is constant over bands, and linear between them.
 
     A band without an upper end is a single frequency; a value that is missing is None.
