@@ -10,10 +10,9 @@ from typing import Any
 from vibrident.app.web import translated
 from vibrident.app.web.language import language, phrase
 from vibrident.app.web.session import refuse_outside
-from vibrident.app.web.tasks import IDENTIFY
 from vibrident.app.workflow.estimators import AUTO
 from vibrident.app.workflow.made import ProgressReporter, TaskOutput
-from vibrident.base.fields import Fields, GivenFields
+from vibrident.base.fields import Fields
 
 #: The folder of the files of a task, the archive of them, and the result that it works with.
 OUT = "files"
@@ -70,7 +69,7 @@ def work(
         refuse_outside(Path(name))
     folder = Path(OUT)
     folder.mkdir(exist_ok=True)
-    output = _TASKS[task](options, files, folder, ProcessProgress(progress))
+    output = _output(task, options, files, folder, ProcessProgress(progress))
     written = [path for path in sorted(folder.rglob("*")) if path.is_file()]
     with zipfile.ZipFile(ARCHIVE, "w", zipfile.ZIP_DEFLATED) as packed:
         for path in written:
@@ -92,147 +91,88 @@ def work(
     }
 
 
-def _compare(
-    options: Fields, files: Sequence[str], folder: Path, progress: ProcessProgress
+def _output(
+    task: str, options: Fields, files: Sequence[str], folder: Path, progress: ProcessProgress
 ) -> TaskOutput:
-    from vibrident.app.workflow.comparison import compare
+    """Do a task; the names of its options are those of the function that does it."""
+    from vibrident.app.workflow import uses
+    from vibrident.app.workflow.folder import load_result
     from vibrident.data.io import read
 
-    output, _ = compare(
-        read(files[0]),
-        folder,
-        estimators=options.get("estimators") or (),
-        models=options.get("models") or (),
-        validate=bool(options.get("validate")),
-        progress=progress,
-    )
-    return output
+    options = dict(options)
+    # both ends are there together
+    band = (options.pop("low_hz"), options.pop("high_hz")) if "low_hz" in options else None
+    match task:
+        case "compare":
+            from vibrident.app.workflow.comparison import compare
 
+            return compare(read(files[0]), folder, progress=progress, **options)
+        case "predict":
+            progress.step(phrase("Predicting"))
+            return uses.predict(load_result(Path(RESULT_FILE)), read(files[0]), folder)
+        case "correct":
+            progress.step(phrase("Correcting"))
+            result = load_result(Path(RESULT_FILE))
+            return uses.correct(result, read(files[0]), folder, band_hz=band, **options)
+        case "track":
+            from vibrident.app.workflow.tracked import track
 
-def _predict(
-    options: Fields, files: Sequence[str], folder: Path, progress: ProcessProgress
-) -> TaskOutput:
-    from vibrident.app.workflow.folder import load_result
-    from vibrident.app.workflow.uses import predict
-    from vibrident.data.io import read
+            progress.step(phrase("Tracking"))
+            paths = Path(RESULT_FILE), Path(files[0]), folder
+            return track(*paths, progress=progress, **options)[0]
+        case "plan":
+            from vibrident.physics.simulation import one_third_octave
+            from vibrident.use.planning import plan
 
-    progress.step(phrase("Predicting"))
-    return predict(load_result(Path(RESULT_FILE)), read(files[0]), folder)
-
-
-def _correct(
-    options: Fields, files: Sequence[str], folder: Path, progress: ProcessProgress
-) -> TaskOutput:
-    from vibrident.app.workflow.folder import load_result
-    from vibrident.app.workflow.uses import correct
-    from vibrident.data.io import read
-
-    progress.step(phrase("Correcting"))
-    return correct(
-        load_result(Path(RESULT_FILE)),
-        read(files[0]),
-        folder,
-        band_hz=_band(options),
-        noise=options.get("noise"),
-        track=bool(options.get("track")),
-    )
-
-
-def _track(
-    options: Fields, files: Sequence[str], folder: Path, progress: ProcessProgress
-) -> TaskOutput:
-    from vibrident.app.workflow.tracked import track
-    from vibrident.use.tracking import FALSE_ALARMS_PER_DAY
-
-    progress.step(phrase("Tracking"))
-    output, _ = track(
-        Path(RESULT_FILE),
-        Path(files[0]),
-        folder,
-        every_s=options.get("every"),
-        false_alarms_per_day=options.get("false_alarms_per_day") or FALSE_ALARMS_PER_DAY,
-        progress=progress,
-    )
-    return output
-
-
-def _plan(
-    options: Fields, files: Sequence[str], folder: Path, progress: ProcessProgress
-) -> TaskOutput:
-    from vibrident.app.workflow.folder import load_result
-    from vibrident.app.workflow.uses import describe_plan, write_plan
-    from vibrident.physics.simulation import one_third_octave
-    from vibrident.use.planning import plan
-
-    progress.step(phrase("Planning"))
-    band = _band(options)
-    best_plan = plan(
-        load_result(Path(RESULT_FILE)),
-        frequencies_hz=None if band is None else one_third_octave(*band).tolist(),
-        best=options.get("best"),
-        times_as_long=options.get("times_as_long") or 1.0,
-    )
-    write_plan(best_plan, folder)
-    return describe_plan(best_plan)
+            progress.step(phrase("Planning"))
+            options["frequencies_hz"] = band and one_third_octave(*band).tolist()
+            planned = plan(load_result(Path(RESULT_FILE)), **options)
+            uses.write_plan(planned, folder)
+            return uses.describe_plan(planned)
+        case "fleet":
+            return _fleet([f"./{file}" for file in files], folder, progress, **options)
+        case _:
+            return _identify([*map(Path, files)], folder, progress, **options)
 
 
 def _identify(
-    options: Fields, files: Sequence[str], folder: Path, progress: ProcessProgress
+    files: list[Path],
+    folder: Path,
+    progress: ProcessProgress,
+    *,
+    estimator: str = AUTO,
+    discretisation: str | None = None,
+    model: str = "",
+    **options: Any,
 ) -> TaskOutput:
     """Identify as the command line does; several calibrations together."""
     from vibrident.app.workflow.identification import IdentifyRequest, result_folders, run
     from vibrident.data.io import read
     from vibrident.show import methods
 
-    model = options.get("model")
-    request = IdentifyRequest(
-        options.get("estimator", AUTO),
-        {"discretisation": options.get("discretisation")},
-        models=[model] if model else None,
-        uncertainty=options.get("uncertainty", "auto"),
-        share=options.get("share"),
-    )
+    models = [model] if model else None
+    request = IdentifyRequest(estimator, {"discretisation": discretisation}, models, **options)
     request.check(len(files))
     if len(files) > 1:
         progress.step(phrase("Identifying together"))
     results = run(request, [read(file) for file in files], progress)
-    for result, result_folder in zip(
-        results, result_folders([*map(Path, files)], folder), strict=True
-    ):
+    for result, result_folder in zip(results, result_folders(files, folder), strict=True):
         result_folder.mkdir(parents=True, exist_ok=True)
         result.save(result_folder / "result.json")
     return TaskOutput(methods.joint(results[0]) if len(results) > 1 else ())
 
 
 def _fleet(
-    options: Fields, files: Sequence[str], folder: Path, progress: ProcessProgress
+    files: list[str], folder: Path, progress: ProcessProgress, *, model: str | None = None
 ) -> TaskOutput:
     from vibrident.lab.fleet.parts import load_arrow
     from vibrident.lab.fleet.summary import overview
     from vibrident.lab.fleets import Fleet
 
     load_arrow()
-    fleet = Fleet([f"./{file}" for file in files], folder, model=options.get("model"))
-    outcome = fleet.identify(
+    outcome = Fleet(files, folder, model=model).identify(
         progress=lambda now: progress.share(
             phrase("{done} of {total} sensors", done=now.done, total=now.total), now.done, now.total
         )
     )
     return TaskOutput(overview(outcome))
-
-
-_TASKS: Mapping[str, Callable[[Fields, Sequence[str], Path, ProcessProgress], TaskOutput]] = {
-    "compare": _compare,
-    "predict": _predict,
-    "correct": _correct,
-    "track": _track,
-    "plan": _plan,
-    "joint": _identify,
-    IDENTIFY: _identify,
-    "fleet": _fleet,
-}
-
-
-def _band(options: GivenFields) -> tuple[float, float] | None:
-    """Return both ends of a band, which were checked to be there together; None for neither."""
-    return None if "low_hz" not in options else (options["low_hz"], options["high_hz"])

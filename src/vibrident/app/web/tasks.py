@@ -76,7 +76,7 @@ TASKS: Mapping[str, Task] = {
         phrase("The parameters over the records, and when the sensor changed."),
         ("result", "data"),
         {
-            "every": Field(phrase("Seconds between rows"), "number", 1e-6),
+            "every_s": Field(phrase("Seconds between rows"), "number", 1e-6),
             "false_alarms_per_day": Field(phrase("False alarms in a day"), "number", 1e-9),
         },
     ),

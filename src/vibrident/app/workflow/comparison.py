@@ -11,7 +11,6 @@ from vibrident.app.workflow.made import SILENT, ProgressReporter, TaskOutput
 
 if TYPE_CHECKING:
     from vibrident.data.records import Calibration
-    from vibrident.result import Result
     from vibrident.use.methods import Comparison
 
 
@@ -25,8 +24,8 @@ def compare(
     validate: bool = False,
     truth: Mapping[str, float] | None = None,
     progress: ProgressReporter = SILENT,
-) -> tuple[TaskOutput, dict[str, Result]]:
-    """Compare methods as :func:`vibrident.compare` does; return output, and results by name.
+) -> TaskOutput:
+    """Compare methods as :func:`vibrident.compare` does.
 
     ``folder``: for comparison.json and each result; ``progress``: gets the progress.
     """
@@ -43,7 +42,7 @@ def compare(
     )
     for name, result in comparison.results.items():
         result.save(folder / f"{name.replace(' ', '-').replace('+', '-')}.json")
-    return write_comparison(comparison, folder), dict(comparison.results)
+    return write_comparison(comparison, folder)
 
 
 def write_comparison(comparison: Comparison, folder: Path) -> TaskOutput:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +17,7 @@ from vibrident.base.errors import InputError
 from vibrident.base.fields import Fields
 
 if TYPE_CHECKING:
+    from vibrident.app.workflow.made import TaskOutput
     from vibrident.result import Result
     from vibrident.use.planning import Recording
 
@@ -159,13 +161,20 @@ def plan(
     from vibrident.app.workflow.uses import write_plan
 
     prediction = describe(planned)
+    _show(prediction, partial(write_plan, planned), folder, "plan.png")
+
+
+def _show(
+    prediction: TaskOutput, write: Callable[[Path], None], folder: Path | None, picture: str
+) -> None:
+    """Show a prediction; write it, and its picture, where a folder is given."""
     show_output(prediction)
     if folder is not None:
         from vibrident.show import plots
 
         with written_whole(folder) as output:
-            write_plan(planned, output.path)
-            plots.save(prediction.figures[0], output.path / "plan.png")
+            write(output.path)
+            plots.save(prediction.figures[0], output.path / picture)
         show_written(output.files)
 
 
@@ -188,14 +197,7 @@ def _predict_mounted(
     at_hz = options.frequencies(frequencies)
     mounted = predict_mounted(result, frequencies_hz=at_hz, **mounting)
     prediction = describe_mounted(result, mounted)
-    show_output(prediction)
-    if folder is not None:
-        from vibrident.show import plots
-
-        with written_whole(folder) as output:
-            write_mounted(mounted, output.path)
-            plots.save(prediction.figures[0], output.path / "mounting.png")
-        show_written(output.files)
+    _show(prediction, partial(write_mounted, mounted), folder, "mounting.png")
 
 
 def _planned_for(model: str | None, source: Path | None, values: dict[str, float]) -> str | Result:
