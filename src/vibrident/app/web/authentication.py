@@ -10,19 +10,17 @@ import json
 import os
 import secrets
 import time
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
 
-from starlette.requests import ClientDisconnect, HTTPConnection, Request, cookie_parser
+from starlette.requests import ClientDisconnect, HTTPConnection, Request
 from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
 
 from vibrident.app.web.language import LOCALES, SCOPE, language, phrase
 from vibrident.app.workflow.accounts import Account, Accounts
 from vibrident.base.errors import InputError
 
-Headers = Mapping[str, str]  # of a request, by name in lower case, each with one value
 SIGN_IN = "/sign-in"
 SIGN_OUT = "/sign-out"
 _SESSION_S = 12 * 3600.0  # seconds for which somebody stays signed in
@@ -107,28 +105,28 @@ class Authenticator:
             return Account(name, "look" if self._accounts else "identify", "")
         return named
 
-    def visitor(self, request: HTTPConnection, headers: Headers) -> Account | None:
+    def visitor(self, request: HTTPConnection) -> Account | None:
         """Return the account that makes a request; None if it has no valid session."""
         if self._user_header is not None:
-            name = headers.get(self._user_header, "")
+            name = request.headers.get(self._user_header, "")
             plain = 0 < len(name) <= 200 and name.isprintable()
             return self.account(name) if plain and self._is_proxied(request) else None
-        name, until = self._sessions.get(_session_key(request, headers), ("", 0.0))
+        name, until = self._sessions.get(_session_key(request), ("", 0.0))
         return self.account(name) if time.time() < until else None
 
-    async def answer(self, request: Request, headers: Headers) -> Response | None:
+    async def answer(self, request: Request) -> Response | None:
         """Return the answer to a request that the page does not answer; None if the page may."""
         path = request.scope.get("path")
-        visitor = self.visitor(request, headers)
+        visitor = self.visitor(request)
         if self._user_header is not None:
             refusal = PlainTextResponse("Sign in at the proxy before this page.", 403)
             return refusal if visitor is None else None
         if path == SIGN_IN and request.method == "POST":
-            return await self._sign_in(request, headers)
+            return await self._sign_in(request)
         if path == SIGN_IN:
             return _form(request, 200)
         if path == SIGN_OUT and request.method == "POST":
-            self._sessions.pop(_session_key(request, headers), None)
+            self._sessions.pop(_session_key(request), None)
             self._write()
             self.note(visitor.name if visitor else "", "signed out")
             return RedirectResponse(SIGN_IN, 303)
@@ -138,7 +136,7 @@ class Authenticator:
             return RedirectResponse(SIGN_IN, 303)
         return PlainTextResponse("Sign in first.", 401)
 
-    async def _sign_in(self, request: Request, headers: Headers) -> Response:
+    async def _sign_in(self, request: Request) -> Response:
         assert self._accounts is not None
         body = b""
         with contextlib.suppress(ClientDisconnect):  # then nobody reads the answer
@@ -148,7 +146,7 @@ class Authenticator:
                     break
         fields = parse_qs(body[:_MAX_FORM_BYTES].decode("utf-8", "replace"))
         name, password = (fields.get(key, [""])[0] for key in ("name", "password"))
-        where = self._from(request, headers)
+        where = self._from(request)
         keys = (f"name {name}", f"address {where}")
         if (wait := self._accounts.wait_s(*keys)) > 0.0 or self._waiting >= _MAX_WAITING_SIGN_INS:
             return _form(request, 429, _TOO_MANY, seconds=f"{max(wait, 1.0):.0f}")
@@ -174,7 +172,8 @@ class Authenticator:
             _cookie_name(request),
             token,
             max_age=int(_SESSION_S),
-            secure=self._is_proxied(request) and headers.get("x-forwarded-proto") == "https",
+            secure=self._is_proxied(request)
+            and request.headers.get("x-forwarded-proto") == "https",
             httponly=True,
         )
         return response
@@ -183,11 +182,11 @@ class Authenticator:
         """Return whether the proxy passes a request on."""
         return self._proxy is not None and _peer_address(request) == self._proxy
 
-    def _from(self, request: HTTPConnection, headers: Headers) -> str:
+    def _from(self, request: HTTPConnection) -> str:
         """Return the client's address, as the proxy states it where there is one."""
         peer = _peer_address(request)
         if self._is_proxied(request):
-            return headers.get("x-forwarded-for", peer).rpartition(",")[2].strip()[:64]
+            return request.headers.get("x-forwarded-for", peer).rpartition(",")[2].strip()[:64]
         return peer
 
     def _write(self) -> None:
@@ -261,6 +260,6 @@ def _cookie_name(request: HTTPConnection) -> str:
     return f"vibrident-in-{(request.scope.get('server') or ('', 0))[1]}"
 
 
-def _session_key(request: HTTPConnection, headers: Headers) -> str:
-    token = cookie_parser(headers.get("cookie", "")).get(_cookie_name(request), "")
+def _session_key(request: HTTPConnection) -> str:
+    token = request.cookies.get(_cookie_name(request), "")
     return hashlib.sha256(token.encode()).hexdigest()

@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from typing import Any
 from urllib.parse import urlsplit
 
-from starlette.requests import HTTPConnection, Request, cookie_parser
+from starlette.requests import HTTPConnection, Request
 from starlette.responses import PlainTextResponse, Response
 
-from vibrident.app.web.authentication import Authenticator, Headers
+from vibrident.app.web.authentication import Authenticator
 from vibrident.app.web.language import SCOPE, choose_language
 from vibrident.base.fields import Fields
 
@@ -86,68 +86,70 @@ class Guard:
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
-        headers = _read_headers(scope)
-        cookies = cookie_parser(headers.get("cookie", ""))
-        scope[SCOPE] = choose_language(cookies, headers.get("accept-language", ""))
+        plain_scope = {**scope, "headers": _plain_headers(scope)}
+        connection = HTTPConnection(plain_scope)
+        accepted = connection.headers.get("accept-language", "")
+        scope[SCOPE] = plain_scope[SCOPE] = choose_language(connection.cookies, accepted)
         if scope["type"] == "websocket":
-            await self._connected(scope, receive, send, headers)
+            await self._connected(scope, receive, send, connection)
             return
-        response = await self._answer(Request(scope, receive), headers)
+        response = await self._answer(Request(plain_scope, receive))
         if response is not None:
             response.headers.update(_HEADERS)
             await response(scope, receive, send)
             return
-        account = self._door.visitor(HTTPConnection(scope), headers) if self._door else None
-        scope[OWNER], cookie = (account.name, {}) if account else browser_identity(scope, cookies)
+        account = self._door.visitor(connection) if self._door else None
+        scope[OWNER], cookie = (account.name, {}) if account else browser_identity(connection)
         scope[ACCOUNT] = account
-        await self._guarded(scope, receive, send, headers["host"], cookie)
+        await self._guarded(scope, receive, send, connection.headers["host"], cookie)
 
-    async def _answer(self, request: Request, headers: Headers) -> Response | None:
+    async def _answer(self, request: Request) -> Response | None:
         """Return the answer to a request that the page shall not answer; None if it may."""
-        length = headers.get("content-length", "0")
-        if self._is_foreign(request.scope, headers):
+        length = request.headers.get("content-length", "0")
+        if self._is_foreign(request):
             return _refusal(403, _STRANGER)
         if not length.isdecimal() or len(length) > _MAX_LENGTH_DIGITS:
             return _refusal(400, "The length of the request is not a number.")
         if int(length) > self._limit:
             return _refusal(413, _TOO_LARGE)
-        if self._door and (response := await self._door.answer(request, headers)) is not None:
+        if self._door and (response := await self._door.answer(request)) is not None:
             return response
         if self._coming + int(length) > _MAX_FULL_UPLOADS * self._limit:
             return _refusal(503, _BUSY)
         return None
 
-    async def _connected(self, scope: Any, receive: Any, send: Any, headers: Headers) -> None:
+    async def _connected(
+        self, scope: Any, receive: Any, send: Any, connection: HTTPConnection
+    ) -> None:
         """Pass a WebSocket on for as long as its visitor may be here."""
-        connection = HTTPConnection(scope)
 
         def is_gone() -> bool:
-            return self._door is not None and self._door.visitor(connection, headers) is None
+            return self._door is not None and self._door.visitor(connection) is None
 
         async def checked() -> Any:
             message = await receive()
             end = {"type": "websocket.disconnect", "code": _POLICY_VIOLATION}
             return end if is_gone() else message
 
-        if self._is_foreign(scope, headers) or is_gone():
+        if self._is_foreign(connection) or is_gone():
             await send({"type": "websocket.close", "code": _POLICY_VIOLATION})
         else:
             await self._app(scope, checked, send)
 
-    def _is_foreign(self, scope: Any, headers: Headers) -> bool:
+    def _is_foreign(self, connection: HTTPConnection) -> bool:
         """Return whether a request is for another host, or of another site."""
-        return not self._is_own_host(scope, headers) or _is_cross_site(scope, headers)
+        return not self._is_own_host(connection) or _is_cross_site(connection)
 
-    def _is_own_host(self, scope: Any, headers: Headers) -> bool:
+    def _is_own_host(self, connection: HTTPConnection) -> bool:
         """Return whether the host is an allowed name, or the address that the request reached."""
-        host = headers.get("host", "")
+        host = connection.headers.get("host", "")
         if not _HOST.fullmatch(host):
             return False
         try:
             name = _normal_host(urlsplit(f"//{host}").hostname or "")
         except ValueError:
             return False
-        server_address = scope.get("server")
+        server_address = connection.scope.get("server")
         return name in self._names or (
             bool(server_address)
             and _is_address(name)
@@ -207,10 +209,11 @@ class Guard:
             self._coming -= received
 
 
-def browser_identity(scope: Any, cookies: Mapping[str, str]) -> tuple[str, dict[str, str]]:
+def browser_identity(connection: HTTPConnection) -> tuple[str, dict[str, str]]:
     """Return the hash of a browser's token, and the header that sets its cookie if it has none."""
+    scope = connection.scope
     name = f"vibrident-{(scope.get('server') or ('', 0))[1]}"  # browsers do not tell ports apart
-    token = cookies.get(name, "")
+    token = connection.cookies.get(name, "")
     header = {}
     if not _COOKIE.fullmatch(token):
         token = secrets.token_hex(32)
@@ -220,19 +223,21 @@ def browser_identity(scope: Any, cookies: Mapping[str, str]) -> tuple[str, dict[
     return hashlib.sha256(token.encode()).hexdigest(), header
 
 
-def _read_headers(scope: Any) -> dict[str, str]:
+def _plain_headers(scope: Any) -> list[tuple[bytes, bytes]]:
     """Return the headers; one with contradictory values gets a value that fits no rule."""
-    headers: dict[str, str] = {}
-    for key, value in ((key.decode("latin-1"), v.decode("latin-1")) for key, v in scope["headers"]):
-        headers[key] = value if headers.get(key, value) == value else "\n"
-    return headers
+    headers: dict[bytes, bytes] = {}
+    for key, value in scope["headers"]:
+        headers[key] = value if headers.get(key, value) == value else b"\n"
+    return [*headers.items()]
 
 
-def _is_cross_site(scope: Any, headers: Headers) -> bool:
+def _is_cross_site(connection: HTTPConnection) -> bool:
     """Return whether a page of another origin makes the request.
 
     Following a link to this page is allowed.
     """
+    headers = connection.headers
+    scope = connection.scope
     origin = headers.get("origin")
     try:
         if origin is not None and urlsplit(origin).netloc != headers["host"]:
