@@ -130,20 +130,20 @@ def _cell(language: Language, text: _Text, is_number: bool = False) -> _Text:
 
     Foreign words, such as the name of a result, stay.
     """
-    whole = language.translation(text)
-    if is_number and not whole:
+    in_language = language.translation(text)
+    if is_number and not in_language:
         return _number(language, text)
     items = [language.translation(item) for item in text.split(", ")]
-    if whole is None and None in items:
+    if in_language is None and None in items:
         return text if any(c.isalpha() for c in text) else _number(language, text)
-    return type(text)(whole or ", ".join(item or "" for item in items))
+    return type(text)(in_language or ", ".join(item or "" for item in items))
 
 
 def _label(language: Language, label: _Text) -> _Text:
     """Return the label of an axis, which has a line for the quantity and one for the unit."""
-    whole = translated(language, label)
-    if whole != label:
-        return whole
+    in_language = translated(language, label)
+    if in_language != label:
+        return in_language
     lines = []
     for line in label.split("\n"):
         unit = line.removeprefix("in ")
