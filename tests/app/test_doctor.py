@@ -14,7 +14,7 @@ from tests.support.plug_ins import described
 from vibrident.app import doctor
 from vibrident.app.requirements import Requirements
 from vibrident.base.registry import PlugIn
-from vibrident.lab import history
+from vibrident.lab.histories import History
 
 #: Package → source of its module; each is installed as version 1.5.
 FAKES = {
@@ -126,7 +126,8 @@ def test_a_store_is_ok_where_it_can_be_opened_or_begun(monkeypatch, tmp_path):
 
     assert check(tmp_path / "new" / "h.db").verdict == "ok"
     assert not (tmp_path / "new").exists()
-    history.add(str(tmp_path / "h.db"), [calibrated()])
+    with History(tmp_path / "h.db") as history:
+        history.add(calibrated())
     assert check(tmp_path / "h.db").verdict == "ok"
     (tmp_path / "damaged.db").write_bytes(b"no database" * 100)
     for place in (tmp_path / "damaged.db", tmp_path / "damaged.db" / "h.db", "nothing://at/all"):

@@ -116,6 +116,9 @@ CERTIFICATE_FILES = option(
     "What a certificate states, given after the fit; of several files the last one counts.",
     default="as in the calibration file",
 )
+PICTURES = flag(
+    "--pictures/--no-pictures", help="Draw a picture (PNG) into the folder.", value=True
+)
 RESULT_FILES = argument("RESULT...", "result.json, one or more.")
 
 

@@ -59,9 +59,7 @@ def track(
         "History of the sensor, by whose random walk u grows.",
         default=f"{DRIFT_PER_YEAR:.0%} a year",
     ),
-    pictures: bool = flag(
-        "--pictures/--no-pictures", help="Draw a picture (PNG) into the folder.", value=True
-    ),
+    pictures: bool = options.PICTURES,
 ) -> None:
     """Keep a sensor's parameters up to date, with their uncertainties, and say when the sensor \
 changes.
