@@ -11,8 +11,9 @@ from vibrident.app.web import translated
 from vibrident.app.web.language import language, phrase
 from vibrident.app.web.session import refuse_outside
 from vibrident.app.workflow.estimators import AUTO
-from vibrident.app.workflow.made import ProgressReporter, TaskOutput
+from vibrident.app.workflow.made import TaskOutput
 from vibrident.base.fields import Fields
+from vibrident.base.progress import ProgressReporter
 
 #: The folder of the files of a task, the archive of them, and the result that it works with.
 OUT = "files"

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.app.workflow.folder import write_json
-from vibrident.app.workflow.made import SILENT, ProgressReporter, TaskOutput
+from vibrident.app.workflow.made import TaskOutput
+from vibrident.base.progress import SILENT, ProgressReporter
 
 if TYPE_CHECKING:
     from vibrident.data.records import Calibration
@@ -38,7 +39,7 @@ def compare(
         discretisations=discretisations,
         cross_validation=validate,
         truth=truth,
-        listener=progress,
+        progress=progress,
     )
     for name, result in comparison.results.items():
         result.save(folder / f"{name.replace(' ', '-').replace('+', '-')}.json")

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.app.workflow.folder import load_result
-from vibrident.app.workflow.made import SILENT, ProgressReporter, TaskOutput
+from vibrident.app.workflow.made import TaskOutput
 from vibrident.app.workflow.tracking import RECORDS, TrackingFiles
 from vibrident.base.errors import InputError
 from vibrident.base.fields import Fields
+from vibrident.base.progress import SILENT, ProgressReporter
 from vibrident.show.rows import table_of
 from vibrident.show.views import Sentence
 from vibrident.use.tracking import DRIFT_PER_YEAR, EVERY_S, FALSE_ALARMS_PER_DAY

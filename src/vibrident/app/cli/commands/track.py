@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 from vibrident.app.cli import options
 from vibrident.app.cli.console import note, output_console, show_output, show_written
 from vibrident.app.cli.options import between, flag, option
-from vibrident.app.workflow.made import ProgressReporter
 from vibrident.app.workflow.tracking import RECORDS
 from vibrident.base.errors import InputError
+from vibrident.base.progress import ProgressReporter
 from vibrident.use.tracking import DRIFT_PER_YEAR, EVERY_S, FALSE_ALARMS_PER_DAY
 
 if TYPE_CHECKING:
