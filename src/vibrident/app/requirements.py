@@ -15,12 +15,14 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from packaging.requirements import Requirement
 
+from vibrident.base.fields import NamedTexts
+
 # for all imports: twenty of processor time, on a machine that does other work too
 MAX_SECONDS = 600.0
 MISSING = "missing"
 _NOT_FOR_USERS = ("dev", "test", "docs")
 #: What is loaded beside an extra's own packages, because it tests them.
-_SELF_TESTS: Mapping[str, str] = {"jax": "vibrident.base.backend"}
+_SELF_TESTS: NamedTexts = {"jax": "vibrident.base.backend"}
 
 #: Imports modules, given as [package, module] pairs, and prints a line of JSON for each.
 _IMPORT = """
@@ -52,7 +54,7 @@ def requirements_by_extra() -> dict[str, list[Requirement]]:
     return dict(sorted(extras.items()))
 
 
-def unusable_packages(requirements: Iterable[Requirement]) -> dict[str, str]:
+def unusable_packages(requirements: Iterable[Requirement]) -> NamedTexts:
     """Return package → why it cannot be used, or that it is missing."""
     unfit = {}
     loadable = []
@@ -74,7 +76,7 @@ def _not_loading(packages: list[str]) -> dict[str, str]:
     # The search reads the files of every installed package: once for all.
     owners = importlib.metadata.packages_distributions()
     pending = [(package, module) for package in packages for module in _modules(package, owners)]
-    problems: dict[str, str] = {}
+    problems: NamedTexts = {}
     while pending:
         done, crash = _imported(pending)
         for package, problem in done:

@@ -7,3 +7,5 @@ from typing import Any
 
 Fields = dict[str, Any]  # name → value
 GivenFields = Mapping[str, Any]  # the same where it is read alone
+NamedNumbers = Mapping[str, float]  # name → number
+NamedTexts = Mapping[str, str]  # name → text

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, TypeGuard
 
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError, ModelError, NotConverged, unknown
-from vibrident.base.fields import Fields, GivenFields
+from vibrident.base.fields import Fields, GivenFields, NamedNumbers
 from vibrident.base.progress import SILENT, ProgressReporter
 from vibrident.data.io import GivenCalibration, as_calibration
 from vibrident.data.records import Calibration
@@ -74,7 +74,7 @@ class Comparison:
     """
 
     results: Mapping[str, Result]
-    truth: Mapping[str, float] = field(default_factory=dict)
+    truth: NamedNumbers = field(default_factory=dict)
     cross_validations: Mapping[str, GivenFields] = field(default_factory=dict)
 
     __repr__ = brief
@@ -143,7 +143,7 @@ def compare(
     models: Sequence[str] = (),
     discretisations: Sequence[str] = (),
     cross_validation: bool = False,
-    truth: Mapping[str, float] | None = None,
+    truth: NamedNumbers | None = None,
 ) -> Comparison:
     """Compare methods on the same data, or earlier results of one sensor.
 
@@ -220,7 +220,7 @@ def compare_methods(
     models: Sequence[str] = (),
     discretisations: Sequence[str] = (),
     cross_validation: bool = False,
-    truth: Mapping[str, float] | None = None,
+    truth: NamedNumbers | None = None,
     progress: ProgressReporter = SILENT,
 ) -> Comparison:
     """Identify a calibration by each method, as :func:`compare` does, and report its progress."""

@@ -20,7 +20,7 @@ import numpy as np
 
 from vibrident.base.amounts import amount
 from vibrident.base.errors import InputError
-from vibrident.base.fields import Fields
+from vibrident.base.fields import Fields, NamedNumbers
 from vibrident.data.records import Calibration, FloatArray, Record
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.document import budget_of, covered, document
@@ -191,7 +191,7 @@ def _combine(
     )
 
 
-def _estimated_values(result: Result) -> dict[str, float]:
+def _estimated_values(result: Result) -> NamedNumbers:
     return {name: p.value for name, p in result.parameters.items() if not p.derived}
 
 

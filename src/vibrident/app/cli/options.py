@@ -13,7 +13,7 @@ from vibrident.app.workflow.estimators import DISCRETISATIONS as DISCRETISATIONS
 from vibrident.app.workflow.estimators import UNCERTAINTIES as UNCERTAINTIES
 from vibrident.app.workflow.estimators import estimator_names
 from vibrident.base.errors import InputError, unknown
-from vibrident.base.fields import Fields
+from vibrident.base.fields import Fields, NamedTexts
 from vibrident.export.registry import EXPORTS
 from vibrident.fit.registry import ESTIMATORS
 from vibrident.physics.registry import MODELS
@@ -208,7 +208,7 @@ def marked(name: str) -> str:
     return f"⟦{flag}⟧{blank}{more}" if flag.startswith("--") else name
 
 
-def pairs(name: str, texts: Sequence[str], example: str) -> dict[str, str]:
+def pairs(name: str, texts: Sequence[str], example: str) -> NamedTexts:
     """Return the names and values of ``NAME=VALUE``."""
     values = {}
     for text in texts:

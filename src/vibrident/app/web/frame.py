@@ -20,6 +20,7 @@ from vibrident.app.web.user import User
 from vibrident.app.web.words import LABELS, page_word
 from vibrident.base.errors import InputError, VibridentError
 from vibrident.base.escaping import html
+from vibrident.base.fields import NamedTexts
 from vibrident.base.process import WorkerError
 from vibrident.show import views
 
@@ -33,7 +34,7 @@ def show_error(
     element: ui.element,
     error: BaseException,
     session: PageSession | None = None,
-    labels: Mapping[str, str] = LABELS,
+    labels: NamedTexts = LABELS,
 ) -> None:
     """Show an error in a box, in the words of the form; for unexpected ones, the number in the log.
 
@@ -280,7 +281,7 @@ class GrowingChart:
 
 
 def _for_page(
-    error: InputError, session: PageSession | None, labels: Mapping[str, str] = LABELS
+    error: InputError, session: PageSession | None, labels: NamedTexts = LABELS
 ) -> InputError:
     """Return the error in the words of the page, without the server's folders."""
     error_on_page = error.in_words(page_word(labels))

@@ -6,7 +6,6 @@ import hashlib
 import ipaddress
 import re
 import secrets
-from collections.abc import Mapping
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -15,7 +14,7 @@ from starlette.responses import PlainTextResponse, Response
 
 from vibrident.app.web.authentication import Authenticator
 from vibrident.app.web.language import SCOPE, choose_language
-from vibrident.base.fields import Fields
+from vibrident.base.fields import Fields, NamedTexts
 
 _ENVELOPE_BYTES = 1_000_000  # allowance for the browser's envelope around files
 _MAX_LENGTH_DIGITS = 18
@@ -157,7 +156,7 @@ class Guard:
         )
 
     async def _guarded(
-        self, scope: Any, receive: Any, send: Any, host: str, cookie: Mapping[str, str]
+        self, scope: Any, receive: Any, send: Any, host: str, cookie: NamedTexts
     ) -> None:
         received = 0
         started = False
@@ -209,7 +208,7 @@ class Guard:
             self._coming -= received
 
 
-def browser_identity(connection: HTTPConnection) -> tuple[str, dict[str, str]]:
+def browser_identity(connection: HTTPConnection) -> tuple[str, NamedTexts]:
     """Return the hash of a browser's token, and the header that sets its cookie if it has none."""
     scope = connection.scope
     name = f"vibrident-{(scope.get('server') or ('', 0))[1]}"  # browsers do not tell ports apart

@@ -22,7 +22,7 @@ from vibrident.app.web.session import refuse_outside
 from vibrident.app.web.translated import MAX_CHART_BYTES, charts, fitting, fragment
 from vibrident.app.web.words import page_word
 from vibrident.base.errors import InputError, VibridentError
-from vibrident.base.fields import Fields
+from vibrident.base.fields import Fields, NamedTexts
 from vibrident.data.io import read
 from vibrident.data.io.certificate import CertificateData, certificate_text
 from vibrident.data.io.columns import require_room
@@ -64,9 +64,7 @@ def draw_chart(
     return preview(description, folder, files, language(code))
 
 
-def find_faults(
-    description: Description, folder: Path, files: Sequence[str]
-) -> list[dict[str, str]]:
+def find_faults(description: Description, folder: Path, files: Sequence[str]) -> list[NamedTexts]:
     """Return the fields of a message for each file whose columns an identification would refuse."""
     messages = []
     until = time.monotonic() + _MAX_CHECK_S

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from vibrident.app.web.language import language, phrase
 from vibrident.app.web.session import refuse_outside
 from vibrident.app.workflow.estimators import AUTO
 from vibrident.app.workflow.made import TaskOutput
-from vibrident.base.fields import Fields
+from vibrident.base.fields import Fields, NamedTexts
 from vibrident.base.progress import ProgressReporter
 
 #: The folder of the files of a task, the archive of them, and the result that it works with.
@@ -39,7 +39,7 @@ class ProcessProgress(ProgressReporter):
         """Report how many parts of the work are done."""
         self._progress("share", words, done, most)
 
-    def estimate(self, row: Any, units: Mapping[str, str]) -> None:
+    def estimate(self, row: Any, units: NamedTexts) -> None:
         """Report a tracked sensor by its first frequency, or its first parameter."""
         name = next((name for name in row.values if units[name] == "Hz"), next(iter(row.values)))
         label = f"{name} / {units[name]}"

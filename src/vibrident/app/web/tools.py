@@ -16,7 +16,7 @@ from vibrident.app.web.task_run import TaskProgress
 from vibrident.app.web.tasks import TASKS, Field, Task, TaskRequest
 from vibrident.app.web.user import User
 from vibrident.base.errors import InputError
-from vibrident.base.fields import Fields, GivenFields
+from vibrident.base.fields import Fields, GivenFields, NamedTexts
 from vibrident.fit.registry import ESTIMATORS
 from vibrident.physics.models import ADD_ONS, CORES
 
@@ -170,7 +170,7 @@ def shared_parameters() -> dict[str, str]:
     """Return the parameters that calibrations may share."""
     from vibrident.physics.naming import in_words
 
-    labels: dict[str, str] = {}
+    labels: NamedTexts = {}
     for kind in (*CORES.values(), *ADD_ONS.values()):
         for parameter in kind.parameters:
             labels[parameter.name] = translate(in_words(parameter.name))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.app.workflow.folder import write_json
 from vibrident.app.workflow.made import TaskOutput
+from vibrident.base.fields import NamedNumbers
 from vibrident.base.progress import SILENT, ProgressReporter
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ def compare(
     models: Sequence[str] = (),
     discretisations: Sequence[str] = (),
     validate: bool = False,
-    truth: Mapping[str, float] | None = None,
+    truth: NamedNumbers | None = None,
     progress: ProgressReporter = SILENT,
 ) -> TaskOutput:
     """Compare methods as :func:`vibrident.compare` does.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +10,7 @@ from vibrident.app.workflow.folder import load_result
 from vibrident.app.workflow.made import TaskOutput
 from vibrident.app.workflow.tracking import RECORDS, TrackingFiles
 from vibrident.base.errors import InputError
-from vibrident.base.fields import Fields
+from vibrident.base.fields import Fields, NamedNumbers, NamedTexts
 from vibrident.base.progress import SILENT, ProgressReporter
 from vibrident.show.rows import table_of
 from vibrident.show.views import Sentence
@@ -118,9 +118,7 @@ def _sampling_rate_hz(described: CalibrationFile, calibration: Path) -> float:
     )
 
 
-def parameter_rows(
-    values: Mapping[str, float], u: Mapping[str, float], units: Mapping[str, str]
-) -> list[Fields]:
+def parameter_rows(values: NamedNumbers, u: NamedNumbers, units: NamedTexts) -> list[Fields]:
     """Return parameters by name, to the second digit of u."""
     from vibrident.show.numbers import pair
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vibrident.base.fields import NamedTexts
 from vibrident.data.records import BoolArray
 from vibrident.lab.fleet.limits import Limit, Specification
 from vibrident.lab.fleet.row import IDENTIFIED
@@ -237,7 +238,7 @@ def outlier_limit(count: int) -> float:
 
 
 def _limit(
-    specification: Specification, type_name: str | None, parameter: str, units: dict[str, str]
+    specification: Specification, type_name: str | None, parameter: str, units: NamedTexts
 ) -> Limit | None:
     """Return the limit of a parameter; None if there is none, or it is in another unit."""
     limit = specification.limit(type_name, parameter)

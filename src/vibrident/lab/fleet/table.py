@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.base.errors import InputError
+from vibrident.base.fields import NamedTexts
 from vibrident.base.files import atomic_write
 from vibrident.lab.fleet import parts
 from vibrident.lab.fleet.orders import Orders, memory_limit
@@ -59,7 +60,7 @@ class Tally:
         )
 
     @property
-    def units(self) -> list[dict[str, str]]:
+    def units(self) -> list[NamedTexts]:
         """Return each set of units that occurs, parameter → unit."""
         return [json.loads(units) for units in self.sets]
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.base.errors import InputError
-from vibrident.base.fields import Fields
+from vibrident.base.fields import Fields, NamedNumbers
 from vibrident.data.records import FloatArray
 from vibrident.lab.history import control, query, schema
 from vibrident.lab.history.drift import Mixture
@@ -84,7 +84,7 @@ def of_result(store: Store, result: Result) -> Fields | None:
     return None if sensor is None else of_sensor(store, sensor)
 
 
-def random_walks(store: Store, result: Result) -> dict[str, float]:
+def random_walks(store: Store, result: Result) -> NamedNumbers:
     """Return parameter → its relative random walk in a year, for those that the store knows."""
     sensor = query.stored_sensor(store, result.sensor)
     walks = dict[str, float]()

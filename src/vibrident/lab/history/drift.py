@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from vibrident.base.fields import NamedNumbers
 from vibrident.data.records import BoolArray, FloatArray
 
 _QUANTILE_BISECTIONS = (
@@ -190,7 +191,7 @@ class SensorDrift:
         return weight / weight.sum()
 
     @property
-    def probability(self) -> dict[str, float]:
+    def probability(self) -> NamedNumbers:
         """Return the probability of each hypothesis."""
         kind = self._variances[3]
         return {name: float(self.weight[kind == i].sum()) for i, name in enumerate(HYPOTHESES)}

@@ -6,13 +6,13 @@ import datetime
 import getpass
 import itertools
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import sqlalchemy as sa
 
 from vibrident.base.errors import InputError
-from vibrident.base.fields import Fields, GivenFields
+from vibrident.base.fields import Fields, GivenFields, NamedTexts
 from vibrident.lab.history import query, schema
 from vibrident.lab.history.query import StoredSensor
 from vibrident.lab.history.result_rows import (
@@ -167,7 +167,7 @@ def _redate(
     return former
 
 
-def _sensor_id(store: Store, connection: sa.Connection, identity: Mapping[str, str]) -> int:
+def _sensor_id(store: Store, connection: sa.Connection, identity: NamedTexts) -> int:
     selection = sa.select(schema.sensor.c.id).where(
         sa.and_(*(schema.sensor.c[key] == value for key, value in identity.items()))
     )

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import sqlalchemy as sa
 
 from vibrident.base.errors import InputError, did_you_mean
-from vibrident.base.fields import Fields
+from vibrident.base.fields import Fields, NamedNumbers
 from vibrident.base.nominal import SAME
 from vibrident.lab.history.life import Entry, Event
 from vibrident.lab.history.schema import (
@@ -257,7 +257,7 @@ _FACT_COLUMNS = (
 
 
 @lru_cache(maxsize=10_000)
-def _shared(text: str) -> Mapping[str, float]:
+def _shared(text: str) -> NamedNumbers:
     return json.loads(text)
 
 

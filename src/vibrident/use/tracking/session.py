@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vibrident.base.fields import Fields
+from vibrident.base.fields import Fields, NamedTexts
 from vibrident.data.records import Calibration, FloatArray, Quantity, Record
 from vibrident.data.sources.kinds.calibration_records import chunks_of
 from vibrident.data.sources.source import Chunk
@@ -41,7 +41,7 @@ class TrackingSession:
 
     tracker: Tracker
     every: int  # samples a row
-    units: Mapping[str, str]  # unit of each parameter
+    units: NamedTexts  # unit of each parameter
     cause: Cause  # departure from the model, since the alarm that it explained
     effects: CarriedEffects  # of the calibration that the session began with
     samples: int = 0  # taken so far

@@ -12,7 +12,7 @@ from vibrident.app.cli.console import note, output_console, print_line, show_row
 from vibrident.app.cli.options import option
 from vibrident.app.workflow.folder import written_whole
 from vibrident.base.escaping import terminal as printable
-from vibrident.base.fields import Fields
+from vibrident.base.fields import Fields, NamedTexts
 
 if TYPE_CHECKING:
     from vibrident.data.interferometer.summary import OpticalSummary
@@ -114,7 +114,7 @@ def _steps(calibration: Calibration) -> list[str]:
     )
 
 
-def _describe_reading(calibration: Calibration) -> dict[str, str]:
+def _describe_reading(calibration: Calibration) -> NamedTexts:
     from vibrident.base.amounts import pretty
     from vibrident.show.numbers import sensor_name
 

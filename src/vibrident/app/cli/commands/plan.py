@@ -14,7 +14,7 @@ from vibrident.app.cli.options import choice, flag, option
 from vibrident.app.cli.progress import ProgressBar
 from vibrident.app.workflow.folder import load_result, written_whole
 from vibrident.base.errors import InputError
-from vibrident.base.fields import Fields
+from vibrident.base.fields import Fields, NamedNumbers
 
 if TYPE_CHECKING:
     from vibrident.app.workflow.made import TaskOutput
@@ -179,7 +179,7 @@ def _show(
 
 
 def _predict_mounted(
-    source: Path | None, mounting: dict[str, float], frequencies: str | None, folder: Path | None
+    source: Path | None, mounting: NamedNumbers, frequencies: str | None, folder: Path | None
 ) -> None:
     """Show the sensitivity on another mounting, and write it where a folder is given."""
     if source is None:
@@ -200,7 +200,7 @@ def _predict_mounted(
     _show(prediction, partial(write_mounted, mounted), folder, "mounting.png")
 
 
-def _planned_for(model: str | None, source: Path | None, values: dict[str, float]) -> str | Result:
+def _planned_for(model: str | None, source: Path | None, values: NamedNumbers) -> str | Result:
     if (source is None) == (model is None) or (source is not None and values):
         raise InputError(
             "No sensor, or more than one, is given to plan for.",
@@ -212,7 +212,7 @@ def _planned_for(model: str | None, source: Path | None, values: dict[str, float
     return load_result(source) if source is not None else str(model)
 
 
-def _parameters(texts: list[str]) -> dict[str, float]:
+def _parameters(texts: list[str]) -> NamedNumbers:
     values = {}
     for name, number in options.pairs("--parameter", texts, "delay=1e-5").items():
         try:

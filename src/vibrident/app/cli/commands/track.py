@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +12,7 @@ from vibrident.app.cli.console import note, output_console, show_output, show_wr
 from vibrident.app.cli.options import between, flag, option
 from vibrident.app.workflow.tracking import RECORDS
 from vibrident.base.errors import InputError
+from vibrident.base.fields import NamedTexts
 from vibrident.base.progress import ProgressReporter
 from vibrident.use.tracking import DRIFT_PER_YEAR, EVERY_S, FALSE_ALARMS_PER_DAY
 
@@ -119,7 +120,7 @@ class LiveTable(ProgressReporter):
         """Say a remark in a line of its own."""
         note(words)
 
-    def estimate(self, row: TrackedEstimate, units: Mapping[str, str]) -> None:
+    def estimate(self, row: TrackedEstimate, units: NamedTexts) -> None:
         """Renew the table."""
         if self._live is None:
             return

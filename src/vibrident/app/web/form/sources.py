@@ -11,7 +11,7 @@ from typing import Any
 
 from vibrident.app.web.form.description import ENTRIES
 from vibrident.app.web.language import phrase
-from vibrident.base.fields import Fields, GivenFields
+from vibrident.base.fields import Fields, GivenFields, NamedNumbers
 from vibrident.data.io.keys import Key
 
 _EDGE = 1e-9  # relative distance of two rows at the edge between bands, which rise so
@@ -82,9 +82,9 @@ def entry_in_file(row: GivenFields) -> Fields:
     return entry
 
 
-def bands_of(table: Sequence[Sequence[float]]) -> list[dict[str, float]]:
+def bands_of(table: Sequence[Sequence[float]]) -> list[NamedNumbers]:
     """Return the rows of a table as bands of one value, and the others as single frequencies."""
-    bands: list[dict[str, float]] = []
+    bands: list[NamedNumbers] = []
     rows = [tuple(row) for row in table]
     while rows:
         frequency, value = rows.pop(0)

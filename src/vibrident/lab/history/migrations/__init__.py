@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from alembic import op
 
+from vibrident.base.fields import NamedTexts
 
-def forbid_changes(same_row: Mapping[str, str]) -> None:
+
+def forbid_changes(same_row: NamedTexts) -> None:
     """Forbid changes of the rows of tables.
 
     ``same_row``: table → the condition by which a row takes the place of a new one.
