@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.base.fields import NamedTexts
-from vibrident.data.records import BoolArray
+from vibrident.data.records import BoolArray, FloatArray
 from vibrident.lab.fleet.limits import Limit, Specification
 from vibrident.lab.fleet.row import IDENTIFIED
 from vibrident.lab.fleet.table import Tally
@@ -30,7 +30,6 @@ MAX_OUTLIERS = 200  # in the list
 _LIMIT_MARGIN = 0.06  # drawn outside a limit, in units of the width between the limits
 _MIN_BINS = 8  # of a histogram
 _MAX_BINS = 48
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

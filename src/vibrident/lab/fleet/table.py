@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from vibrident.base.errors import InputError
 from vibrident.base.fields import NamedTexts
 from vibrident.base.files import atomic_write
+from vibrident.data.records import FloatArray
 from vibrident.lab.fleet import parts
 from vibrident.lab.fleet.orders import Orders, memory_limit
 from vibrident.lab.fleet.row import FAILED, IDENTIFIED, REFUSED
@@ -39,7 +40,7 @@ class Tally:
     # number of its set, for each row; shape (rows,)
     units_of: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
     # end of each calibration, in seconds since 1970; shape (rows,)
-    finished: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    finished: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def add(self, block: Any) -> None:
         """Count a block of the table."""
