@@ -158,7 +158,10 @@ def _history() -> list[Figure]:
                 "find": partial(query.find, store, "00500"),
                 "all calibrations": partial(query.entries, store),
                 "show": partial(
-                    document.of_sensor, store, sensor, document.Question(tolerance=Tolerance(0.01))
+                    document.of_sensor,
+                    store,
+                    sensor,
+                    document.Question(tolerance=lambda _: Tolerance(0.01)),
                 ),
             }
             seconds = {name: _computing_s(ask) for name, ask in requests.items()}

@@ -12,9 +12,9 @@ from tests.support.lives import calibrated
 from tests.support.plug_ins import described
 
 from vibrident.app import doctor
-from vibrident.app.requirements import Requirements
+from vibrident.app.requirements import requirements_by_extra
 from vibrident.base.registry import PlugIn
-from vibrident.lab import history
+from vibrident.lab.histories import History
 
 #: Package → source of its module; each is installed as version 1.5.
 FAKES = {
@@ -74,10 +74,10 @@ def test_a_package_that_all_needs_is_fatal(fakes, monkeypatch, lacking):
 
 
 def test_the_requirements_are_those_of_the_package():
-    known = Requirements.of_vibrident()
-    assert "numpy" in known.core()
-    assert [name.lower() for name in known.by_extra()["tdms"]] == ["nptdms"]
-    assert "dev" not in known.by_extra()
+    known = {extra: [each.name.lower() for each in required] for extra, required in requirements_by_extra().items()}
+    assert "numpy" in known[""]
+    assert known["tdms"] == ["nptdms"]
+    assert "dev" not in known
 
 
 @pytest.mark.needs("network")
@@ -126,7 +126,8 @@ def test_a_store_is_ok_where_it_can_be_opened_or_begun(monkeypatch, tmp_path):
 
     assert check(tmp_path / "new" / "h.db").verdict == "ok"
     assert not (tmp_path / "new").exists()
-    history.add(str(tmp_path / "h.db"), [calibrated()])
+    with History(tmp_path / "h.db") as history:
+        history.add(calibrated())
     assert check(tmp_path / "h.db").verdict == "ok"
     (tmp_path / "damaged.db").write_bytes(b"no database" * 100)
     for place in (tmp_path / "damaged.db", tmp_path / "damaged.db" / "h.db", "nothing://at/all"):

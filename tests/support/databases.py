@@ -9,16 +9,19 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import sqlalchemy as sa
 from tests.support.lives import calibrated
 
+from vibrident.lab.histories import History
 from vibrident.lab.history import schema
 from vibrident.lab.history.result_rows import rows_of
 from vibrident.lab.history.store import Store
+from vibrident.result import Result
 
 
 def _programs() -> Path | None:
@@ -60,10 +63,11 @@ WRITER = """
 import sys
 sys.path.insert(0, sys.argv[1])
 from tests.support.lives import calibrated
-from vibrident.lab import history
+from vibrident.lab.histories import History
 numbers = range(*map(int, sys.argv[3:5]))
 lives = (calibrated(0.1 + i / 1e5, f"20{10 + i % 10}-01-01", serial=f"{i // 10}") for i in numbers)
-print(history.add(sys.argv[2], lives))
+with History(sys.argv[2]) as history:
+    print(history.add(lives))
 """
 
 
@@ -76,6 +80,12 @@ def writers(url: str, *ranges: tuple[int, int]) -> list[subprocess.Popen[str]]:
         )
         for numbers in ranges
     ]
+
+
+def add(url: str | None, results: Iterable[Result], **stated: Any) -> int:
+    """Add results to a store; the number of new ones."""
+    with History(url) as history:
+        return history.add(results, **stated)
 
 
 def count(url: str, table: sa.Table = schema.calibration) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import itertools
 import os
 import platform
 import sys
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from vibrident.app.requirements import Requirements
+from vibrident.app.requirements import MISSING, requirements_by_extra, unusable_packages
 from vibrident.base.errors import InputError
 from vibrident.data.registry import READERS, SOURCES
 from vibrident.export.registry import EXPORTS
@@ -84,35 +85,32 @@ def _python() -> list[Check]:
 
 def _packages_and_extras() -> list[Check]:
     """Look for the packages that all needs, then for those of each extra; each is loaded."""
-    requirements = Requirements.of_vibrident()
-    unusable = requirements.problems()
-    checks = [_packages(requirements.core(), unusable)]
-    for extra, packages in requirements.by_extra().items():
-        missing = [package for package in packages if _version(package) is None]
-        broken = [f"{package}: {unusable[package]}" for package in packages if package in unusable]
+    by_extra = requirements_by_extra()
+    unusable = unusable_packages(itertools.chain.from_iterable(by_extra.values()))
+    checks = []
+    for extra, requirements in by_extra.items():
+        names = sorted({requirement.name for requirement in requirements})
+        missing = [name for name in names if unusable.get(name) == MISSING]
+        broken = [name for name in names if name in unusable and name not in missing]
         subject = f"Extra {extra}"
-        install = f"pip install 'vibrident[{extra}]'"
-        if broken:
-            remedy = f"reinstall vibrident[{extra}] with pip"
-            checks.append(Check(subject, "; ".join(broken), "cannot be used", remedy, vital=False))
-        elif missing:
-            names = ", ".join(missing)
-            remedy = f"if you want it: {install}"
-            checks.append(Check(subject, names, "not installed", remedy, vital=False))
+        if not extra:
+            problems = "; ".join(f"{name}: {unusable[name]}" for name in [*missing, *broken])
+            remedy = f"reinstall with pip: {', '.join([*missing, *broken])}"
+            finding = problems or f"{len(names)} of {len(names)} present"
+            checks.append(_check("Packages", finding, usable=not problems, remedy=remedy))
+        elif missing and not broken:
+            remedy = f"if you want it: pip install 'vibrident[{extra}]'"
+            finding = ", ".join(missing)
+            checks.append(Check(subject, finding, "not installed", remedy, vital=False))
         else:
-            checks.append(Check(subject, "installed"))
+            problems = "; ".join(f"{name}: {unusable[name]}" for name in broken)
+            remedy = f"reinstall vibrident[{extra}] with pip"
+            usable = not broken
+            check = _check(
+                subject, problems or "installed", usable=usable, remedy=remedy, vital=False
+            )
+            checks.append(check)
     return checks
-
-
-def _packages(core: tuple[str, ...], unusable: dict[str, str]) -> Check:
-    missing = [package for package in core if _version(package) is None]
-    broken = [f"{package}: {unusable[package]}" for package in core if package in unusable]
-    if missing or broken:
-        problems = "; ".join([*(f"{package}: missing" for package in missing), *broken])
-        names = [*missing, *(package for package in core if package in unusable)]
-        remedy = f"reinstall with pip: {', '.join(names)}"
-        return Check("Packages", problems, "cannot be used", remedy)
-    return Check("Packages", f"{len(core)} of {len(core)} present")
 
 
 def _version(package: str) -> str | None:

@@ -11,16 +11,18 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
 
 from packaging.requirements import Requirement
 
+from vibrident.base.fields import NamedTexts
+
 # for all imports: twenty of processor time, on a machine that does other work too
 MAX_SECONDS = 600.0
+MISSING = "missing"
 _NOT_FOR_USERS = ("dev", "test", "docs")
 #: What is loaded beside an extra's own packages, because it tests them.
-_SELF_TESTS: Mapping[str, str] = {"jax": "vibrident.base.backend"}
+_SELF_TESTS: NamedTexts = {"jax": "vibrident.base.backend"}
 
 #: Imports modules, given as [package, module] pairs, and prints a line of JSON for each.
 _IMPORT = """
@@ -39,51 +41,34 @@ for package, module in json.loads(sys.argv[1]):
 """
 
 
-@dataclass(frozen=True)
-class Requirements:
-    """Requirements of an installed package, with the extra of each; empty for the core."""
+def requirements_by_extra() -> dict[str, list[Requirement]]:
+    """Return extra → what it requires, of the extras for users; first the core, without a name."""
+    extras: dict[str, list[Requirement]] = {}
+    for line in importlib.metadata.requires("vibrident") or ():
+        marker = re.search(r"extra\s*==\s*['\"]([\w.-]+)['\"]", line)
+        extra = marker.group(1) if marker else ""
+        requirement = Requirement(line)
+        # an extra may have another one in it
+        if requirement.name != "vibrident" and extra not in _NOT_FOR_USERS:
+            extras.setdefault(extra, []).append(requirement)
+    return dict(sorted(extras.items()))
 
-    pairs: tuple[tuple[Requirement, str], ...]
 
-    @classmethod
-    def of_vibrident(cls) -> Requirements:
-        """Return those that the metadata of the installed package states."""
-        pairs = []
-        for line in importlib.metadata.requires("vibrident") or ():
-            extra = re.search(r"extra\s*==\s*['\"]([\w.-]+)['\"]", line)
-            requirement = Requirement(line)
-            if requirement.name != "vibrident":  # an extra that has another one in it
-                pairs.append((requirement, extra.group(1) if extra else ""))
-        return cls(tuple(pairs))
-
-    def core(self) -> tuple[str, ...]:
-        """Return the packages that the core needs."""
-        return tuple(sorted({each.name for each, extra in self.pairs if not extra}))
-
-    def by_extra(self) -> dict[str, list[str]]:
-        """Return extra → its packages, of the extras for users."""
-        extras: dict[str, list[str]] = {}
-        for requirement, extra in self.pairs:
-            if extra and extra not in _NOT_FOR_USERS:
-                extras.setdefault(extra, []).append(requirement.name)
-        return dict(sorted(extras.items()))
-
-    def problems(self) -> dict[str, str]:
-        """Return package → why it cannot be used, of those that are installed and cannot."""
-        outdated = {}
-        loadable = []
-        for requirement, extra in self.pairs:
-            if extra in _NOT_FOR_USERS:
-                continue
-            try:
-                version = importlib.metadata.version(requirement.name)
-            except importlib.metadata.PackageNotFoundError:
-                continue
-            if not requirement.specifier.contains(version, prereleases=True):
-                outdated[requirement.name] = f"{version}, but {requirement.specifier} is needed"
-            else:
-                loadable.append(requirement.name)
-        return _not_loading(list(dict.fromkeys(loadable))) | outdated
+def unusable_packages(requirements: Iterable[Requirement]) -> NamedTexts:
+    """Return package → why it cannot be used, or that it is missing."""
+    unfit = {}
+    loadable = []
+    for requirement in requirements:
+        try:
+            version = importlib.metadata.version(requirement.name)
+        except importlib.metadata.PackageNotFoundError:
+            unfit[requirement.name] = MISSING
+            continue
+        if requirement.specifier.contains(version, prereleases=True):
+            loadable.append(requirement.name)
+        else:
+            unfit[requirement.name] = f"{version}, but {requirement.specifier} is needed"
+    return _not_loading(list(dict.fromkeys(loadable))) | unfit
 
 
 def _not_loading(packages: list[str]) -> dict[str, str]:
@@ -91,7 +76,7 @@ def _not_loading(packages: list[str]) -> dict[str, str]:
     # The search reads the files of every installed package: once for all.
     owners = importlib.metadata.packages_distributions()
     pending = [(package, module) for package in packages for module in _modules(package, owners)]
-    problems: dict[str, str] = {}
+    problems: NamedTexts = {}
     while pending:
         done, crash = _imported(pending)
         for package, problem in done:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import datetime
 import os
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
+from vibrident.base.fields import Fields
 from vibrident.result import Result
 from vibrident.result.loading import GivenResult
 from vibrident.show.issue import GivenCertificate, issued
@@ -89,7 +90,7 @@ class History:
             for added in add_all(self._store, certified, serial_number=serial_number, date=date)
         )
 
-    def sensors(self, *, sensor_type: str | None = None) -> list[dict[str, Any]]:
+    def sensors(self, *, sensor_type: str | None = None) -> list[Fields]:
         """Return a row for each sensor: number of calibrations, and first and last date.
 
         Args:
@@ -99,9 +100,8 @@ class History:
             InputError: there is no store yet.
         """
         from vibrident.lab.history.document import listed
-        from vibrident.lab.history.query import overviews
 
-        return listed(overviews(self._store, sensor_type))
+        return listed(self._store, sensor_type)
 
     def show(
         self,
@@ -116,7 +116,7 @@ class History:
         tolerance: float | None = None,
         nominal: float | None = None,
         interval_years: float | None = None,
-    ) -> dict[str, Any]:
+    ) -> Fields:
         """Return the calibrations, drift, prediction and due date of a sensor.
 
         Args:
@@ -153,7 +153,7 @@ class History:
         quantity: str | None = None,
         frequency_hz: float | None = None,
         interval_years: float | None = None,
-    ) -> list[dict[str, Any]]:
+    ) -> list[Fields]:
         """Return a row for each sensor with the date of its next calibration, the earliest first.
 
         Args:
@@ -216,10 +216,7 @@ def _question(
     from vibrident.lab.history.due import Tolerance
     from vibrident.lab.history.schema import REFERENCE_SENSITIVITY
 
+    limits = None if tolerance is None else Tolerance(tolerance, nominal)
     return Question(
-        quantity or REFERENCE_SENSITIVITY,
-        frequency_hz,
-        until,
-        None if tolerance is None else Tolerance(tolerance, nominal),
-        interval_years,
+        quantity or REFERENCE_SENSITIVITY, frequency_hz, until, lambda _: limits, interval_years
     )

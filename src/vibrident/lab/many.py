@@ -10,6 +10,7 @@ from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any, Literal, overload
 
 from vibrident.base.errors import InputError, ModelError, VibridentError
+from vibrident.base.fields import Fields
 from vibrident.base.memory import ONE_THREAD
 from vibrident.data.records import Calibration
 from vibrident.result import Result
@@ -124,9 +125,7 @@ def _raised_or_returned(
         yield outcome
 
 
-def _identified(
-    calibration: CalibrationOrFile, settings: dict[str, Any]
-) -> Result | VibridentError:
+def _identified(calibration: CalibrationOrFile, settings: Fields) -> Result | VibridentError:
     from vibrident.use.identification import identify
 
     try:
@@ -136,7 +135,7 @@ def _identified(
 
 
 def _identified_in_processes(
-    calibrations: Iterable[CalibrationOrFile], settings: dict[str, Any], workers: int
+    calibrations: Iterable[CalibrationOrFile], settings: Fields, workers: int
 ) -> Iterator[Result | VibridentError]:
     """Identify here and in further processes, a few calibrations ahead of the caller.
 
@@ -192,7 +191,7 @@ def _load() -> None:
     import vibrident.use.identification  # noqa: F401
 
 
-def _take_next(waiting: deque[_Waiting], settings: dict[str, Any]) -> Result | VibridentError:
+def _take_next(waiting: deque[_Waiting], settings: Fields) -> Result | VibridentError:
     """Return the outcome of the first calibration that waits.
 
     Until it is there, calibrations that no process has begun are identified here.

@@ -8,11 +8,11 @@ import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields, GivenFields, NamedNumbers, NamedTexts
 from vibrident.physics.naming import is_gain
 from vibrident.result import Parameter, Result
 from vibrident.result.document import plain
@@ -47,7 +47,7 @@ def deviation(parameter: Parameter, true: float) -> Deviation | None:
     return Deviation(true, percent, (parameter.value - true) / u if u else None)
 
 
-def deviations(result: Result, truth: Mapping[str, float]) -> dict[str, Deviation]:
+def deviations(result: Result, truth: NamedNumbers) -> dict[str, Deviation]:
     """Return the deviation of every parameter whose true value is known."""
     differences = {
         name: deviation(p, truth[name]) for name, p in result.parameters.items() if name in truth
@@ -91,7 +91,7 @@ REFERENCE_SOURCE = "calibration of the reference"
 
 def shared_sources(
     result: Result, *, parameter: str | None = None, sensitivity: tuple[float, float] | None = None
-) -> dict[str, float]:
+) -> NamedNumbers:
     """Return the systematic contributions that another calibration may share, by a key.
 
     Two calibrations share a contribution where the key is the same: kind, source in words, its
@@ -110,7 +110,7 @@ def shared_sources(
     Returns:
         Key to standard uncertainty, above zero.
     """
-    contributions: dict[str, float] = {}
+    contributions: NamedNumbers = {}
     for row in result.settings.get("uncertainty_budget") or ():
         kind = str(row.get("kind", ""))
         if kind in REPEATED_KINDS:
@@ -125,7 +125,7 @@ def shared_sources(
     return contributions
 
 
-def shared_covariance(sources: Mapping[str, float], compared: Mapping[str, float]) -> float:
+def shared_covariance(sources: NamedNumbers, compared: NamedNumbers) -> float:
     """Return the covariance of two values from the sources that they share.
 
     Each source is fully correlated (GUM F.1.2.3).
@@ -133,7 +133,7 @@ def shared_covariance(sources: Mapping[str, float], compared: Mapping[str, float
     return sum(u * compared[key] for key, u in sources.items() if key in compared)
 
 
-def stated_sources(shared: Mapping[str, float]) -> dict[str, float]:
+def stated_sources(shared: NamedNumbers) -> NamedNumbers:
     """Return the sources that an instrument with serial number or certificate identifies.
 
     That any other source stays the same from one calibration to the next is an assumption.
@@ -141,7 +141,7 @@ def stated_sources(shared: Mapping[str, float]) -> dict[str, float]:
     return {key: u for key, u in shared.items() if _names_an_instrument(key)}
 
 
-def assumed_sources(sources: Mapping[str, float], compared: Mapping[str, float]) -> tuple[str, ...]:
+def assumed_sources(sources: NamedNumbers, compared: NamedNumbers) -> tuple[str, ...]:
     """Return the words of the sources that two values share by assumption, each once."""
     common = (key for key in sources if key in compared and not _names_an_instrument(key))
     return tuple(dict.fromkeys(key.split("|")[1] for key in common))
@@ -152,12 +152,12 @@ def _names_an_instrument(key: str) -> bool:
     return any("".join(listed.split("/")[-2:]) for listed in key.split("|")[4:])
 
 
-def _share(row: Mapping[str, Any], parameter: str | None) -> float:
+def _share(row: GivenFields, parameter: str | None) -> float:
     return abs(float((row.get("contributions") or {}).get(parameter) or 0.0))
 
 
 def _sensitivity_share(
-    result: Result, row: Mapping[str, Any], frequency_hz: float, sensitivity: float
+    result: Result, row: GivenFields, frequency_hz: float, sensitivity: float
 ) -> float:
     if row.get("kind") == "gain":
         return abs(_relative_gain(result, row, frequency_hz) * sensitivity)
@@ -167,7 +167,7 @@ def _sensitivity_share(
     return 0.0
 
 
-def _relative_gain(result: Result, row: Mapping[str, Any], frequency_hz: float) -> float:
+def _relative_gain(result: Result, row: GivenFields, frequency_hz: float) -> float:
     """Return the relative u of a gain at a frequency.
 
     The row of the budget holds the largest of a gain that is stated by frequency.
@@ -188,7 +188,7 @@ def _relative_gain(result: Result, row: Mapping[str, Any], frequency_hz: float) 
     return largest
 
 
-def _identity(result: Result, row: Mapping[str, Any]) -> str:
+def _identity(result: Result, row: GivenFields) -> str:
     words = " ".join(str(row.get("source", "")).casefold().replace("|", " ").split())
     size = f"{float(row.get('standard_uncertainty') or 0.0):.2g}"
     instruments = [
@@ -229,9 +229,9 @@ def not_comparable(result_a: Result, result_b: Result) -> str:
 
 def document(
     results: Mapping[str, Result],
-    truth: Mapping[str, float] | None = None,
-    cross_validations: Mapping[str, Mapping[str, Any]] | None = None,
-) -> dict[str, Any]:
+    truth: NamedNumbers | None = None,
+    cross_validations: Mapping[str, GivenFields] | None = None,
+) -> Fields:
     """Return the plain values of ``comparison.json``.
 
     Args:
@@ -258,8 +258,8 @@ def document(
 
 
 def _method(
-    name: str, result: Result, zero: Mapping[str, float], units: Mapping[str, str], is_truth: bool
-) -> dict[str, Any]:
+    name: str, result: Result, zero: NamedNumbers, units: NamedTexts, is_truth: bool
+) -> Fields:
     parameters = {}
     for key, parameter in result.parameters.items():
         same_quantity = units.get(key, parameter.unit) == parameter.unit
@@ -286,7 +286,7 @@ def _method(
     }
 
 
-def read_truth(path: str | os.PathLike[str]) -> dict[str, float]:
+def read_truth(path: str | os.PathLike[str]) -> NamedNumbers:
     """Read true values by parameter name from the ``truth.json`` of ``vibrident simulate``.
 
     Raises:

@@ -7,10 +7,12 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeGuard
+from typing import TYPE_CHECKING, TypeGuard
 
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError, ModelError, NotConverged, unknown
+from vibrident.base.fields import Fields, GivenFields, NamedNumbers
+from vibrident.base.progress import SILENT, ProgressReporter
 from vibrident.data.io import GivenCalibration, as_calibration
 from vibrident.data.records import Calibration
 from vibrident.fit.estimators import Estimator, ranked
@@ -31,23 +33,6 @@ from vibrident.use.validation import cross_validate
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-
-
-class Listener(Protocol):
-    """A listener to the progress of a task."""
-
-    def step(self, words: str) -> None:
-        """Take the name of the step that begins."""
-
-    def __call__(self, iteration: int, most: int, cost: float) -> None:
-        """Take the progress of an optimiser; see ``vibrident.fit.optimise.Progress``."""
-
-    def note(self, words: str) -> None:
-        """Take a remark that is worth a line of its own."""
-
-
-class NoListener(Listener):
-    """A listener that ignores all."""
 
 
 @dataclass(frozen=True)
@@ -89,8 +74,8 @@ class Comparison:
     """
 
     results: Mapping[str, Result]
-    truth: Mapping[str, float] = field(default_factory=dict)
-    cross_validations: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    truth: NamedNumbers = field(default_factory=dict)
+    cross_validations: Mapping[str, GivenFields] = field(default_factory=dict)
 
     __repr__ = brief
 
@@ -111,7 +96,7 @@ class Comparison:
         ]
         return pd.DataFrame(rows).set_index(["method", "parameter"])
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Fields:
         """Return what ``comparison.json`` says: plain values."""
         scores = {name: dict(score) for name, score in self.cross_validations.items()}
         return document(dict(self.results), dict(self.truth), scores)
@@ -158,7 +143,7 @@ def compare(
     models: Sequence[str] = (),
     discretisations: Sequence[str] = (),
     cross_validation: bool = False,
-    truth: Mapping[str, float] | None = None,
+    truth: NamedNumbers | None = None,
 ) -> Comparison:
     """Compare methods on the same data, or earlier results of one sensor.
 
@@ -235,23 +220,22 @@ def compare_methods(
     models: Sequence[str] = (),
     discretisations: Sequence[str] = (),
     cross_validation: bool = False,
-    truth: Mapping[str, float] | None = None,
-    listener: Listener | None = None,
+    truth: NamedNumbers | None = None,
+    progress: ProgressReporter = SILENT,
 ) -> Comparison:
-    """Identify a calibration by each method, as :func:`compare` does, with a listener."""
+    """Identify a calibration by each method, as :func:`compare` does, and report its progress."""
     methods = _valid_methods(
         estimators or [estimator.name for estimator in ranked(ESTIMATORS.built_in())],
         models or (None,),
         discretisations or (None,),
     )
-    listener = NoListener() if listener is None else listener
-    results = _identify_by_methods(calibration, methods, listener, must=bool(estimators))
+    results = _identify_by_methods(calibration, methods, progress, must=bool(estimators))
     comparison = Comparison(results, dict(truth or {}))
     if not cross_validation or len(results) < 2:
         return comparison
     return replace(
         comparison,
-        cross_validations=_cross_validate_methods(calibration, methods, results, listener),
+        cross_validations=_cross_validate_methods(calibration, methods, results, progress),
     )
 
 
@@ -295,7 +279,7 @@ def _valid_methods(
 def _identify_by_methods(
     calibration: Calibration,
     methods: Sequence[IdentificationMethod],
-    listener: Listener,
+    progress: ProgressReporter,
     *,
     must: bool,
 ) -> dict[str, Result]:
@@ -303,17 +287,17 @@ def _identify_by_methods(
     results: dict[str, Result] = {}
     failures: dict[str | None, ModelError | NotConverged] = {}
     for method in methods:
-        listener.step(f"Identifying by {method.name}")
+        progress.step(f"Identifying by {method.name}")
         try:
             results[method.name] = identify(
-                calibration, method.model, method.configured, progress=listener
+                calibration, method.model, method.configured, progress=progress
             )
         except (ModelError, NotConverged) as failure:
             if must or method.discretisation:
                 raise
             failures.setdefault(method.model, failure)
             problem = failure.problem if isinstance(failure, ModelError) else str(failure)
-            listener.note(f"Left out: {method.name}. {problem}")
+            progress.note(f"Left out: {method.name}. {problem}")
     for model, failure in failures.items():
         if not any(m.model == model and m.name in results for m in methods):
             raise failure
@@ -324,15 +308,15 @@ def _cross_validate_methods(
     calibration: Calibration,
     methods: Sequence[IdentificationMethod],
     results: Mapping[str, Result],
-    listener: Listener,
-) -> dict[str, dict[str, Any]]:
+    progress: ProgressReporter,
+) -> dict[str, Fields]:
     scores = {}
     for method in methods:
         if method.name not in results:
             continue
-        listener.step(f"Cross-validating {method.name}")
+        progress.step(f"Cross-validating {method.name}")
         score = cross_validate(
-            calibration, results[method.name], method.configured, progress=listener
+            calibration, results[method.name], method.configured, progress=progress
         )
         if score is not None:
             scores[method.name] = asdict(score)

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields
 from vibrident.base.memory import in_one_thread
 from vibrident.data.io import GivenCalibration, as_calibration
 from vibrident.data.records import MOTIONS, BoolArray, Calibration, FloatArray, Record, is_motion
@@ -130,9 +130,7 @@ def root_mean_square(values: FloatArray) -> float | None:
     return float(np.sqrt(np.mean(values**2))) if values.size else None
 
 
-def prediction_document(
-    predictions: Predictions, files: Sequence[str], unit: str
-) -> dict[str, Any]:
+def prediction_document(predictions: Predictions, files: Sequence[str], unit: str) -> Fields:
     """Return the plain values of ``prediction.json``.
 
     Args:

@@ -20,6 +20,7 @@ import numpy as np
 
 from vibrident.base.amounts import amount
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields, NamedNumbers
 from vibrident.data.records import Calibration, FloatArray, Record
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.document import budget_of, covered, document
@@ -190,7 +191,7 @@ def _combine(
     )
 
 
-def _estimated_values(result: Result) -> dict[str, float]:
+def _estimated_values(result: Result) -> NamedNumbers:
     return {name: p.value for name, p in result.parameters.items() if not p.derived}
 
 
@@ -225,7 +226,7 @@ def _outlier_finding(
     return Finding("regimes", None, None, outlier.probability, impact, text)
 
 
-def _with_scatter(settings: dict[str, Any], measured: MeasuredCurve, name: str) -> dict[str, Any]:
+def _with_scatter(settings: Fields, measured: MeasuredCurve, name: str) -> Fields:
     """Return the settings with the scatter of the runs as the noise of the points."""
     points = settings.get("point_budget")
     if not points or points["frequency_hz"] != measured.frequency_hz.tolist():

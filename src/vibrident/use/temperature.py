@@ -13,11 +13,11 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from vibrident.base.amounts import plain
+from vibrident.base.fields import Fields
 from vibrident.data.records import Calibration
 from vibrident.fit.response.verdict import REJECTION
 from vibrident.fit.uncertainty.parameters import coverage_factor
@@ -146,14 +146,14 @@ class _TemperatureLine:
         """
         return explanations(self.line.points, self.rejection) if self.rejected else []
 
-    def as_settings(self, unit: str) -> dict[str, Any]:
+    def as_settings(self, unit: str) -> Fields:
         """Return the coefficient with its u.
 
         The u is widened by the Birge ratio where the line is rejected.
         """
         at, slope = self.line.coefficients
         u, freedom = self.line.uncertainty(np.array([-slope / at**2, 1.0 / at]))
-        settings: dict[str, Any] = {
+        settings: Fields = {
             "value_at_reference": float(at),
             "unit": unit,
             "per_k": float(slope / at),
@@ -250,7 +250,7 @@ def _freedom(result: Result) -> float:
     return min(freedoms, default=math.inf)
 
 
-def _type_a(result: Result) -> list[dict[str, Any]]:
+def _type_a(result: Result) -> list[Fields]:
     """Return the type A rows of the budget."""
     return [
         row for row in result.settings.get("uncertainty_budget") or () if row.get("type") == "A"

@@ -20,14 +20,14 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields, GivenFields
 from vibrident.base.tails import student_quantile
 from vibrident.data.io.axes_file import AxesCalibration, read_axes
 from vibrident.data.known import KnownResponse
@@ -59,7 +59,7 @@ class Matrix:
     u: FloatArray
     degrees_of_freedom: FloatArray  # behind ``u``, shape (n, outputs, axes)
     unit: str  # of the sensitivities
-    settings: Mapping[str, Any]  # effects, transverse motion, sensor and names of the records
+    settings: GivenFields  # effects, transverse motion, sensor and names of the records
 
     def interval_95(self) -> tuple[FloatArray, FloatArray]:
         """Return the limits of the 95 % intervals of the parts, each of the shape of ``u``."""
@@ -69,7 +69,7 @@ class Matrix:
         )
         return components - k[..., None] * self.u, components + k[..., None] * self.u
 
-    def main(self) -> list[dict[str, Any]]:
+    def main(self) -> list[Fields]:
         """Return main and transverse sensitivity and misalignment of each output by frequency."""
         outputs = []
         for i, name in enumerate(self.outputs):
@@ -103,7 +103,7 @@ class Matrix:
             outputs.append(plain(rows))
         return outputs
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Fields:
         """Return the document of schema ``vibrident.matrix/1``; null for what is not known."""
         return {
             "schema": SCHEMA,
@@ -206,7 +206,7 @@ def sensitivity_matrix(calibration: AxesCalibration | str | os.PathLike[str]) ->
     return Matrix(tuple(outputs), axes, frequency, values, u, freedom, unit, settings)
 
 
-def _effect_settings(calibration: AxesCalibration, first: Calibration) -> list[dict[str, Any]]:
+def _effect_settings(calibration: AxesCalibration, first: Calibration) -> list[Fields]:
     """Return the stated effects of all measuring chains, each once."""
     effects = (
         (effect.source, effect.kind, effect.standard_uncertainty)

@@ -197,7 +197,7 @@ def test_tracking_needs_neither_jax_nor_matplotlib():
 @pytest.mark.needs("history")
 def test_u_of_what_is_not_excited_grows_by_the_random_walk_of_the_history(case, tmp_path):
     """Five years between the certificate's time and the motion's, at rest: u² grows by five times the walk's square."""
-    from vibrident.lab import history
+    from vibrident.lab.histories import History
     from vibrident.lab.history.document import random_walks
     from vibrident.lab.history.store import Store
 
@@ -208,7 +208,8 @@ def test_u_of_what_is_not_excited_grows_by_the_random_walk_of_the_history(case, 
         for year, step in enumerate((0.0, 0.02, 0.0, 0.025, 0.005, 0.03))
     ]
     store = str(tmp_path / "h.db")
-    history.add(store, lives)
+    with History(store) as history:
+        history.add(lives)
     with Store(store) as opened:
         walks = random_walks(opened, result)
     assert walks.keys() == {"sensitivity", "natural_frequency"}

@@ -8,7 +8,7 @@ import pytest
 
 from vibrident.app.cli.options import DISCRETISATIONS, UNCERTAINTIES
 from vibrident.app.web.session import safe_name
-from vibrident.app.web.state import Choices
+from vibrident.app.web.tasks import identify_request
 from vibrident.app.workflow.estimators import estimator_names
 
 
@@ -16,7 +16,7 @@ from vibrident.app.workflow.estimators import estimator_names
 @pytest.mark.parametrize("discretisation", DISCRETISATIONS)
 @pytest.mark.parametrize("uncertainty", UNCERTAINTIES)
 def test_the_command_names_every_option(estimator, discretisation, uncertainty):
-    choices = Choices("calibration.toml", estimator, discretisation, uncertainty)
+    choices = identify_request("calibration.toml", estimator, discretisation, uncertainty)
     _, verb, file, *words = shlex.split(choices.command)
     stated = dict(zip(words[::2], words[1::2], strict=True))
     assert (verb, file) == ("identify", "calibration.toml")
@@ -26,4 +26,4 @@ def test_the_command_names_every_option(estimator, discretisation, uncertainty):
 
 def test_a_name_that_was_made_safe_is_one_word_of_the_command():
     name = safe_name('my "$(calibration)" `of` today\\.toml')
-    assert shlex.split(Choices(name).command)[2] == name
+    assert shlex.split(identify_request(name).command)[2] == name

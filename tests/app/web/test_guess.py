@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import wave
 
 import numpy as np
@@ -84,7 +85,7 @@ def test_the_preview_names_the_units_of_the_file(tmp_path):
     expected = {"a.csv": {"Laser / m/s²", "Prüfling / mV"}, "b.csv": {"Laser [m/s²]", "Prüfling [mV]"}}
     for name, names in expected.items():
         given = describe_guess(guess_columns(tmp_path / name))
-        drawn = preview(given, tmp_path, [name], language("en"))
+        drawn = json.loads(preview(given, tmp_path, [name], language("en")))
         assert {trace["name"] for trace in drawn["data"]} == names
 
 

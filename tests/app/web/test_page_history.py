@@ -6,7 +6,7 @@ import pytest
 from tests.support.lives import calibrated
 from tests.support.serving import upload
 
-from vibrident.lab import history
+from vibrident.lab.histories import History
 from vibrident.lab.history import query
 from vibrident.lab.history.store import Store
 
@@ -16,7 +16,8 @@ WAIT_MS = 60_000
 @pytest.mark.slow
 def test_results_are_added_and_their_history_is_shown(visit, sound, press, history_store, tmp_path):
     life = [calibrated(0.1 * (1 + 0.001 * i), f"{2012 + 2 * i}-05-01", serial="on the page") for i in range(5)]
-    history.add(history_store, life[:4])
+    with History(history_store) as history:
+        history.add(life[:4])
     for name, result in (("last", life[4]), ("nameless", calibrated(serial=""))):
         result.save(tmp_path / f"{name}.json")
     page = visit()
@@ -44,7 +45,8 @@ def test_results_are_added_and_their_history_is_shown(visit, sound, press, histo
 def test_sensors_have_their_dates_and_work_is_found_by_its_serial_number(visit, sound, press, history_store, tmp_path):
     lives = {"A-17": "2024-05-01", "A-18": "2026-05-01"}
     for serial, date in lives.items():
-        history.add(history_store, [calibrated(serial=serial, date=date)])
+        with History(history_store) as history:
+            history.add(calibrated(serial=serial, date=date))
         calibrated(serial=serial, date=date).save(tmp_path / f"{serial}.json")
     page = visit()
     page.locator("#sensors-words").get_by_text("in the history").wait_for(timeout=WAIT_MS)

@@ -28,13 +28,18 @@ OTHERS = ("de", "zh")
 #: Literals that are read by nobody on the page, or stand in the English message of an error.
 UNSAID = {
     "vibrident.app.web.confinement": ("import vibrident",),
-    "vibrident.app.web.authentication": ("<!doctype html>",),
+    "vibrident.app.web.authentication": ("<!doctype html>", "Sign in at the proxy", "Sign in first."),
+    "vibrident.app.web.guard": (
+        *("The page is not known", "The files are too large", "The server takes as many"),
+        "The length of the request",
+    ),
     "vibrident.app.web.form.description": (
         *("columns and units", "Reference and response are", "Both photodetector signals"),
         *("A tabulated response is", " is empty.", "the file of a record that differs"),
     ),
     "vibrident.app.web.form.entries": ("dense outlined stack-label",),
-    "vibrident.app.web.state": ("vibrident identify",),
+    "vibrident.app.web.tasks": ("vibrident identify",),
+    "vibrident.app.web.user": ("the identification", "the task"),
     "vibrident.app.web.language": ("English", "Deutsch"),
     "vibrident.app.web.sandboxed": (" characters more", "entered by "),
     "vibrident.app.web.outcome": ("the page",),

@@ -40,7 +40,7 @@ def ran(page, task: str) -> str:
     """Run a task as it stands; what it says."""
     if page.get_by_label("Task", exact=True).input_value() != task:
         choose(page, "Task", task)
-    page.locator("#run:not([disabled])").press("Enter", timeout=WAIT_MS)  # the one before is wholly done
+    page.locator("#task-start:not([disabled])").press("Enter", timeout=WAIT_MS)  # the one before is wholly done
     page.locator("#get-all").wait_for(state="detached")
     page.locator("#get-all").wait_for(timeout=WAIT_MS)
     assert page.locator("#task-status").inner_text() == "Done."
@@ -86,9 +86,9 @@ def test_models_are_chosen_from_a_list_and_a_task_can_be_cancelled(visit, made, 
     page.locator("#confirm").click(timeout=WAIT_MS)
     page.locator("#start").wait_for()
     picked(page, "Models", "accelerometer+delay", "accelerometer")
-    page.locator("#run").press("Enter")
-    page.locator("#task-live .js-plotly-plot").wait_for(timeout=WAIT_MS)  # while it computes
-    page.locator("#cancel-task").press("Enter")
+    page.locator("#task-start").press("Enter")
+    page.locator("#task-chart .js-plotly-plot").wait_for(timeout=WAIT_MS)  # while it computes
+    page.locator("#task-cancel").press("Enter")
     page.locator("#task-status").get_by_text("Cancelled.").wait_for(timeout=WAIT_MS)
     said = ran(page, "Compare models and estimators")
     assert "Choice of the model" in said
@@ -97,7 +97,7 @@ def test_models_are_chosen_from_a_list_and_a_task_can_be_cancelled(visit, made, 
     page.locator("#get-all").wait_for(timeout=WAIT_MS)  # what it made is there again
     sound(page, "more")
     choose(page, "Task", "Predict")
-    page.locator("#run").click()
+    page.locator("#task-start").click()
     page.get_by_text("Something is missing for this task.").wait_for()
 
 
@@ -106,13 +106,13 @@ def test_an_option_out_of_range_is_refused_by_its_label(identified):
     page = identified()
     choose(page, "Task", "Plan the next calibration")
     page.get_by_label("Choose the best N of them").fill("2.5")
-    page.locator("#run").press("Enter")
+    page.locator("#task-start").press("Enter")
     alert = page.locator("#more").get_by_role("alert")
     alert.wait_for(timeout=WAIT_MS)
     assert "“Choose the best N of them”" in alert.inner_text()
     page.get_by_label("Choose the best N of them").fill("3")
     page.get_by_label("Frequencies: from, Hz").fill("100")
-    page.locator("#run").press("Enter")
+    page.locator("#task-start").press("Enter")
     page.get_by_text("“Frequencies: from, Hz”").first.wait_for(timeout=WAIT_MS)
     page.get_by_label("Frequencies: to, Hz").fill("900")
     assert "-optimal choice of 3" in ran(page, "Plan the next calibration")

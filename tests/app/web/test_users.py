@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -16,11 +15,12 @@ pytest.importorskip("nicegui")
 from tests.support import tasks
 from tests.support.serving import alone
 
-from vibrident.app.web import column_guess, sandboxed, state, users, worker
+from vibrident.app.web import column_guess, task_run, translated, users, worker
 from vibrident.app.web.column_guess import ColumnGuess
 from vibrident.app.web.form.columns import merge_guess
 from vibrident.app.web.language import language
-from vibrident.app.web.state import Job
+from vibrident.app.web.task_run import TaskProgress
+from vibrident.app.web.tasks import identify_request
 from vibrident.app.web.user import User
 from vibrident.app.web.users import Users
 from vibrident.base.errors import InputError, NotConverged
@@ -162,8 +162,8 @@ def test_a_stopped_server_leaves_its_users_to_the_next(tmp_path):
     user.form.set("reference.scale", 2.0)
     (user.session.data / "c.csv").unlink()
     (tmp_path / "made.json").write_text("{}")
-    user.keep_result("1: mine", tmp_path / "made.json", choices=state.Choices("calibration.toml"))
-    user.running = state.Choices("calibration.toml", "ml")
+    user.keep_result("1: mine", tmp_path / "made.json", request=identify_request("calibration.toml"))
+    user.fit.progress = TaskProgress(identify_request("calibration.toml", "ml"))
     user.write()
 
     after = Users(tmp_path, 1.0, keep_s=1000.0)
@@ -175,7 +175,8 @@ def test_a_stopped_server_leaves_its_users_to_the_next(tmp_path):
     assert again.form is not None
     assert (again.form.description, again.form.touched) == (user.form.description, {"reference.scale"})
     assert again.results == user.results
-    assert isinstance(again.job.error, worker.StoppedError)
+    assert isinstance(again.fit.progress.error, worker.StoppedError)
+    assert again.fit.progress.request == user.fit.progress.request
 
     (again.session.folder / "state").write_bytes(b"[0, 3]\n")  # of another version
     late = Users(tmp_path, 1.0, keep_s=1000.0)
@@ -196,24 +197,29 @@ def test_what_was_left_too_long_ago_is_not_taken_up(tmp_path, clock):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_job_says_its_share_and_the_most_time_left(monkeypatch):
+def test_a_run_says_its_share_and_the_most_time_left(monkeypatch):
     now = SimpleNamespace(s=0.0)
-    monkeypatch.setattr(state.time, "monotonic", lambda: now.s)
-    job = Job(began=0.0)
-    job.add(1, 11, 3.0)
-    assert job.most_left_s is None
+    monkeypatch.setattr(task_run.time, "monotonic", lambda: now.s)
+    run = TaskProgress(identify_request("calibration.toml"), began=0.0)
+    run.receive("iteration", 1, 11, 3.0)
+    assert run.most_left_s is None
     now.s = 2.0
-    job.add(2, 11, 2.0)
-    assert (job.share, job.most_left_s) == (2 / 11, 18.0)
-    assert job.status(language("en")).endswith("(2 s; this start: at most 18 s more)")
+    run.receive("iteration", 2, 11, 2.0)
+    assert (run.share, run.most_left_s) == (2 / 11, 18.0)
+    assert run.status(language("en")).endswith("(2 s; this start: at most 18 s more)")
 
 
-def test_a_job_tells_separate_starts_apart():
-    job = Job()
+def test_a_run_tells_separate_starts_and_steps_apart():
+    run = TaskProgress(identify_request("calibration.toml"))
     for iteration in (1, 2, 3, 1, 2, 1):
-        job.add(iteration, 60, 10.0 / iteration)
-    assert [len(start) for start in job.starts] == [3, 2, 1]
-    assert job.words.startswith("Start 3, iteration 1 of at most 60")
+        run.receive("iteration", iteration, 60, 10.0 / iteration)
+    assert [len(points) for _, points in run.lines] == [3, 2, 1]
+    assert run.line_names == ["start 1", "start 2", "start 3"]
+    assert run.status(language("en")).startswith("start 3: Iteration 1 of at most 60")
+    run.receive("step", "Identifying by ml")
+    run.receive("iteration", 1, 60, 1.0)
+    assert run.line_names[-1] == "Identifying by ml"
+    assert run.status(language("en")).startswith("Identifying by ml: Iteration 1 of at most 60")
 
 
 def worked(task, *args, folder: Path, progress=None) -> worker.Worker:
@@ -298,8 +304,8 @@ def test_a_wide_file_offers_few_columns_and_those_that_were_guessed(tmp_path):
 
 
 def test_charts_that_are_too_large_are_left_out():
-    drawn = [(name, {"x": [0] * count, "layout": {"height": 3}}) for name, count in (("a", 10), ("b", 1000), ("c", 1))]
-    found, left = sandboxed._fitting(drawn, 100)
-    assert [(title, json.loads(text), height) for title, text, height in found] == [("a", drawn[0][1], 3)]
+    drawn = [("a", b"x" * 60, 3), ("b", b"x" * 5000, 3), ("c", b"x", 3)]
+    found, left = translated.fitting(drawn, 100)
+    assert found == drawn[:1]
     assert left < 0
-    assert len(sandboxed._fitting(drawn, 10_000)[0]) == 3
+    assert len(translated.fitting(drawn, 10_000)[0]) == 3

@@ -11,11 +11,10 @@ import pytest
 import sqlalchemy as sa
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
-from tests.support.databases import count, filled, postgresql, writers
+from tests.support.databases import add, count, filled, postgresql, writers
 from tests.support.lives import calibrated
 
 from vibrident.base.errors import InputError
-from vibrident.lab import history
 from vibrident.lab.history import document, query, schema
 from vibrident.lab.history.entry import add_all, rows_of
 from vibrident.lab.history.store import Store
@@ -100,18 +99,18 @@ def test_writers_at_once_lose_nothing_and_a_kill_leaves_the_store_whole(url):
         if store.url.startswith("sqlite"):
             assert connection.execute(sa.text("PRAGMA integrity_check")).scalar_one() == "ok"
     before = count(url)
-    assert history.add(url, [calibrated(0.3)]) == 1
+    assert add(url, [calibrated(0.3)]) == 1
     assert count(url) == before + 1
 
 
 def test_what_postgresql_cannot_keep_is_said(database):
     for serial in ("7" * 300, "a\0b"):
         with pytest.raises(InputError, match="cannot be kept"):
-            history.add(database, [calibrated(serial=serial)])
+            add(database, [calibrated(serial=serial)])
 
 
 def test_postgresql_keeps_its_rows_as_they_are(database):
-    history.add(database, [calibrated()])
+    add(database, [calibrated()])
     for table in schema.metadata.sorted_tables:
         column = list(table.columns)[-1].name
         for order in (
@@ -145,28 +144,28 @@ def test_an_old_store_is_refused_until_it_is_upgraded_with_its_data(url, tmp_pat
         with pytest.raises(InputError, match="history upgrade"), store.reading():
             pass
         with pytest.raises(InputError, match="history upgrade"):
-            history.add(url, [result], serial_number="4711")
+            add(url, [result], serial_number="4711")
         assert store.upgrade() == ("0001", schema.REVISION)
         with store.reading() as connection:
             context = MigrationContext.configure(connection, opts={"version_table": schema.VERSION_TABLE})
             assert compare_metadata(context, schema.metadata) == []
         assert query.result(store, 1) == result
     fresh = str(tmp_path / "fresh.db")
-    history.add(fresh, [result], serial_number="4711")
+    add(fresh, [result], serial_number="4711")
     for table in (schema.sensor, schema.calibration, schema.parameter, schema.point):
         found = []
         for each in (url, fresh):
             with Store(each) as store, store.reading() as connection:
                 found.append(connection.execute(sa.select(table).order_by(*table.primary_key.columns)).all())
         assert found[0] == found[1]
-    assert history.add(url, [result], serial_number="4711") == 0
+    assert add(url, [result], serial_number="4711") == 0
 
 
 def test_postgresql_keeps_the_same_as_sqlite(database, tmp_path):
     results = [calibrated(0.1 + i / 1e4, f"{2010 + i}-01-01", data=str(i)) for i in range(4)]
     shown = []
     for url in (database, str(tmp_path / "h.db")):
-        history.add(url, results)
+        add(url, results)
         with Store(url) as store:
             told = document.of_sensor(store, query.find(store, "4711"))
             shown.append(

@@ -10,12 +10,11 @@ from dataclasses import replace
 
 import pytest
 import sqlalchemy as sa
-from tests.support.databases import count
+from tests.support.databases import add, count
 from tests.support.lives import at_reference, calibrated
 from tests.support.sample_results import table2
 
 from vibrident.base.errors import InputError
-from vibrident.lab import history
 from vibrident.lab.history import entry, location, query, schema
 from vibrident.lab.history.store import Store
 
@@ -23,8 +22,8 @@ from vibrident.lab.history.store import Store
 def test_a_result_is_kept_whole_and_once(tmp_path):
     url = str(tmp_path / "new folder" / "100% ?.db")
     result = calibrated(data="records")
-    assert history.add(url, [result, calibrated(0.11, "2022-01-01")]) == 2
-    assert history.add(url, [result]) == 0
+    assert add(url, [result, calibrated(0.11, "2022-01-01")]) == 2
+    assert add(url, [result]) == 0
     with Store(url) as store, store.reading() as connection:
         row = connection.execute(sa.select(schema.calibration).order_by(schema.calibration.c.id)).first()
         assert zlib.decompress(row.document).decode() == result.to_json()
@@ -39,9 +38,9 @@ def test_a_result_is_kept_whole_and_once(tmp_path):
 def test_a_date_that_cannot_be_read_is_not_replaced_by_that_of_the_evaluation(tmp_path):
     written = replace(calibrated(date="30.06.2022"), provenance={"time": "2023-01-01T00:00:00Z"})
     with pytest.raises(InputError) as refused:
-        history.add(str(tmp_path / "h.db"), [written])
+        add(str(tmp_path / "h.db"), [written])
     assert refused.value.found == "'30.06.2022'"
-    assert history.add(str(tmp_path / "h.db"), [written], date=datetime.date(2022, 6, 30)) == 1
+    assert add(str(tmp_path / "h.db"), [written], date=datetime.date(2022, 6, 30)) == 1
 
 
 @pytest.mark.parametrize(
@@ -54,11 +53,11 @@ def test_a_date_that_cannot_be_read_is_not_replaced_by_that_of_the_evaluation(tm
 def test_a_result_without_name_or_date_is_refused_unless_both_are_given(tmp_path, result, option):
     url = str(tmp_path / "h.db")
     with pytest.raises(InputError, match=option):
-        history.add(url, [result])
+        add(url, [result])
     stated = datetime.date(2020, 1, 1) if result.certificate else datetime.date(2020, 5, 1)
-    assert history.add(url, [result], serial_number="4711", date=stated) == 1
+    assert add(url, [result], serial_number="4711", date=stated) == 1
     with pytest.raises(InputError, match="not that of the result"):
-        history.add(url, [calibrated()], serial_number="12")
+        add(url, [calibrated()], serial_number="12")
 
 
 def numbered(data, number="2020-7", **more):
@@ -68,10 +67,10 @@ def numbered(data, number="2020-7", **more):
 
 def test_a_certificate_number_belongs_to_one_measurement(tmp_path):
     url = str(tmp_path / "h.db")
-    assert history.add(url, [numbered("one"), numbered("one", noise=0.002), numbered("one")]) == 2
+    assert add(url, [numbered("one"), numbered("one", noise=0.002), numbered("one")]) == 2
     for other in (numbered("two"), numbered("", date="2021-01-01"), numbered("three", serial="4712")):
         with pytest.raises(InputError, match=r"(?s)2020-7, as calibration 1 of sensor\s+4711"):
-            history.add(url, [other])
+            add(url, [other])
     assert count(url, schema.calibration) == 2
     allowed = [
         numbered("two", "2020-8"),
@@ -80,7 +79,7 @@ def test_a_certificate_number_belongs_to_one_measurement(tmp_path):
         calibrated(date="2022-01-01"),
         calibrated(date="2023-01-01"),
     ]
-    assert history.add(url, allowed) == 5
+    assert add(url, allowed) == 5
 
 
 def dated(url, day):
@@ -96,9 +95,9 @@ def dated(url, day):
 def test_the_date_of_a_stored_result_is_corrected_by_events_and_the_last_one_counts(tmp_path):
     url, undated = str(tmp_path / "h.db"), calibrated(date=None)
     first, second, third = (datetime.date(2020, month, 1) for month in (5, 7, 6))
-    assert history.add(url, [undated], date=first) == 1
+    assert add(url, [undated], date=first) == 1
     for day in (first, second, third, third):
-        assert history.add(url, [undated], date=day) == 0
+        assert add(url, [undated], date=day) == 0
         dated(url, day)
     with Store(url) as store:
         (events,) = query.events(store).values()
@@ -115,14 +114,14 @@ def test_a_date_that_contradicts_the_stated_one_is_refused(tmp_path):
     url = str(tmp_path / "h.db")
     for _ in range(2):  # a new result, and a stored one
         with pytest.raises(InputError, match=r"(?s)The date is not that.*2020-01-01.*2021-02-03"):
-            history.add(url, [calibrated()], date=datetime.date(2021, 2, 3))
-        history.add(url, [calibrated()], date=datetime.date(2020, 1, 1))
+            add(url, [calibrated()], date=datetime.date(2021, 2, 3))
+        add(url, [calibrated()], date=datetime.date(2020, 1, 1))
     dated(url, datetime.date(2020, 1, 1))
 
 
 def test_a_correction_needs_a_calibration_and_a_date(tmp_path):
     url = str(tmp_path / "h.db")
-    history.add(url, [calibrated()])
+    add(url, [calibrated()])
     with Store(url) as store:
         sensor = query.find(store, "4711")
         for lacking in ({"date": datetime.date(2021, 1, 1)}, {"calibration_id": 1}):
@@ -140,9 +139,9 @@ def test_a_result_is_the_same_without_excerpts_and_where_an_earlier_version_stor
         older = rows.calibration | {"sha256": "of the text, as earlier versions hashed it"}
         with store.writing() as connection:
             entry._insert(store, connection, replace(rows, calibration=older), None)
-    assert history.add(url, [result, result.without_excerpts()]) == 0
-    assert history.add(url, [replace(result, estimator="ml"), table2(seed=2)]) == 2
-    assert history.add(url, [replace(result, estimator="ml").without_excerpts()]) == 0
+    assert add(url, [result, result.without_excerpts()]) == 0
+    assert add(url, [replace(result, estimator="ml"), table2(seed=2)]) == 2
+    assert add(url, [replace(result, estimator="ml").without_excerpts()]) == 0
 
 
 #: A draft, its review, its number and its certificate.
@@ -156,7 +155,7 @@ ISSUED = (
 
 def test_rows_can_be_neither_changed_nor_removed_nor_replaced(tmp_path):
     file = tmp_path / "h.db"
-    history.add(str(file), [calibrated()])
+    add(str(file), [calibrated()])
     with sqlite3.connect(file) as other:  # any program, with none of our manners
         for row in ISSUED:
             other.execute(row)
@@ -176,39 +175,39 @@ def test_rows_can_be_neither_changed_nor_removed_nor_replaced(tmp_path):
 
 
 def test_a_store_that_another_program_holds_is_said_to_be_held(tmp_path, monkeypatch):
-    history.add(str(tmp_path / "h.db"), [calibrated()])
+    add(str(tmp_path / "h.db"), [calibrated()])
     monkeypatch.setattr("vibrident.lab.history.store.PATIENCE_S", 0.1)
     other = sqlite3.connect(tmp_path / "h.db", isolation_level=None)
     other.execute("BEGIN IMMEDIATE")
     with pytest.raises(InputError, match="held by another program"):
-        history.add(str(tmp_path / "h.db"), [calibrated(0.2)])
+        add(str(tmp_path / "h.db"), [calibrated(0.2)])
     other.close()
 
 
 def test_a_store_that_can_only_be_read_is_read(tmp_path, monkeypatch):
     file = tmp_path / "h.db"
-    history.add(str(file), [calibrated()])
+    add(str(file), [calibrated()])
     monkeypatch.setattr("vibrident.lab.history.store.os.access", lambda *_: False)
     monkeypatch.chdir(tmp_path)
     assert count(str(file)) == count("sqlite:///h.db") == 1
     with pytest.raises(InputError, match="can only be read"):
-        history.add(str(file), [calibrated(0.2)])
+        add(str(file), [calibrated(0.2)])
     assert [path.name for path in tmp_path.iterdir()] == ["h.db"]
 
 
 def test_a_driver_that_is_missing_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "psycopg", None)
     with pytest.raises(InputError, match=r"vibrident\[postgres\]"):
-        history.add("postgresql://laboratory@127.0.0.1:1/db", [calibrated()])
+        add("postgresql://laboratory@127.0.0.1:1/db", [calibrated()])
 
 
 def test_a_newer_store_is_left_alone(tmp_path):
     file = tmp_path / "new.db"
-    history.add(str(file), [calibrated()])
+    add(str(file), [calibrated()])
     with sqlite3.connect(file) as other:
         other.execute(f"UPDATE {schema.VERSION_TABLE} SET version_num = '9999'")
     other.close()
-    for act in (lambda: history.add(str(file), [calibrated(0.2)]), lambda: Store(str(file)).upgrade()):
+    for act in (lambda: add(str(file), [calibrated(0.2)]), lambda: Store(str(file)).upgrade()):
         with pytest.raises(InputError, match="newer version"):
             act()
 
@@ -228,7 +227,7 @@ def test_a_newer_store_is_left_alone(tmp_path):
 )
 def test_a_store_that_cannot_be_used_is_named_without_its_password(url, said):
     with pytest.raises(InputError) as caught:
-        history.add(url, [calibrated()])
+        add(url, [calibrated()])
     text = str(caught.value)
     assert said in text
     assert "geheim" not in text
@@ -239,7 +238,7 @@ def test_a_store_that_cannot_be_used_is_named_without_its_password(url, said):
 def test_a_file_that_is_no_store_and_a_store_that_is_not_there(tmp_path):
     (tmp_path / "x.db").write_text("no database " * 100)
     with pytest.raises(InputError, match="cannot be used"):
-        history.add(str(tmp_path / "x.db"), [calibrated()])
+        add(str(tmp_path / "x.db"), [calibrated()])
     absent = tmp_path / "none of 100 %.db"
     store = Store(str(absent))
     with pytest.raises(InputError, match="no history here") as caught, store.reading():
@@ -250,7 +249,7 @@ def test_a_file_that_is_no_store_and_a_store_that_is_not_there(tmp_path):
 
 def test_the_default_is_the_environment_s_then_the_user_s_folder(tmp_path, monkeypatch):
     monkeypatch.setenv(location.VARIABLE, f"sqlite:///{tmp_path}/by variable.db")
-    history.add(None, [calibrated()])
+    add(None, [calibrated()])
     assert (tmp_path / "by variable.db").exists()
     monkeypatch.delenv(location.VARIABLE)
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))

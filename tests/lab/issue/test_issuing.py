@@ -122,9 +122,9 @@ def test_issuers_at_once_draw_a_number_each_and_leave_no_gap(store, key):
 
 def test_a_number_that_a_calibration_states_already_is_not_drawn(store, key):
     year = time.gmtime().tm_year
-    from vibrident.lab import history
+    from tests.support.databases import add
 
-    history.add(store.url, [certifiable("old", "old", number=f"{year}-0001")])
+    add(store.url, [certifiable("old", "old", number=f"{year}-0001")])
     known, _ = issue_draft(store, reviewed(store, certifiable()), key)
     assert known.number == f"{year}-0002"
 

@@ -13,7 +13,6 @@ from tests.support.tracked import answered, motion, tracker
 from vibrident.data.sources.source import Chunk
 from vibrident.use.tracking.causes import Cause
 from vibrident.use.tracking.effects import CarriedEffects
-from vibrident.use.tracking.known import KnownEffects
 from vibrident.use.tracking.session import TrackingSession
 from vibrident.use.tracking.state import Alarm
 
@@ -24,7 +23,7 @@ def said(u, responses, levels, rng):
     """Alarms of a session that takes these responses, one after another."""
     one = tracker(None, u=1e-3)
     count = one.network.parameters
-    no_effects = CarriedEffects((), np.zeros((0, count)), np.eye(count), np.zeros(count), KnownEffects.none(count))
+    no_effects = CarriedEffects((), np.zeros((0, count)), np.eye(count), np.zeros(count), (), np.zeros((0, count)))
     session = TrackingSession(one, 4096, {}, Cause(None, "", dict(TRUTH)), no_effects)
     for level, y in zip(levels, responses, strict=True):
         session.take(Chunk(level * u, y + NOISE * rng.normal(size=SAMPLES)))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import datetime
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -83,20 +82,15 @@ def build_question(
             remedy="give one of the two",
         )
     from vibrident.lab.history.document import Question
+    from vibrident.lab.history.schema import REFERENCE_SENSITIVITY
 
-    question = Question(
-        frequency_hz=frequency, until=until, tolerance=tolerance, interval_years=interval
-    )
-    question = question if quantity is None else replace(question, quantity=quantity)
-    return (
-        question
-        if limits is None
-        else replace(question, tolerances=_tolerances_by_type(limits, question))
-    )
+    name = quantity or REFERENCE_SENSITIVITY
+    of_type = None if limits is None else _tolerances_by_type(limits, name, frequency)
+    return Question(name, frequency, until, of_type or (lambda _: tolerance), interval)
 
 
 def _tolerances_by_type(
-    limits: Path, question: Question
+    limits: Path, quantity: str, frequency_hz: float | None
 ) -> Callable[[StoredSensor], Tolerance | None]:
     """Return a function from a sensor to its tolerance, from a limits file.
 
@@ -106,11 +100,11 @@ def _tolerances_by_type(
     from vibrident.lab.history.due import Tolerance
 
     specification = read_limits(limits)
-    name = "sensitivity" if question.quantity == "reference_sensitivity" else question.quantity
+    name = "sensitivity" if quantity == "reference_sensitivity" else quantity
 
     def tolerance(sensor: StoredSensor) -> Tolerance | None:
         limit = specification.limit(sensor.type or None, name)
-        if limit is None or not limit.nominal or question.frequency_hz is not None:
+        if limit is None or not limit.nominal or frequency_hz is not None:
             return None
         return Tolerance(limit.half_width / abs(limit.nominal), limit.nominal)
 

@@ -13,6 +13,7 @@ from vibrident.app.workflow.estimators import DISCRETISATIONS as DISCRETISATIONS
 from vibrident.app.workflow.estimators import UNCERTAINTIES as UNCERTAINTIES
 from vibrident.app.workflow.estimators import estimator_names
 from vibrident.base.errors import InputError, unknown
+from vibrident.base.fields import Fields, NamedTexts
 from vibrident.export.registry import EXPORTS
 from vibrident.fit.registry import ESTIMATORS
 from vibrident.physics.registry import MODELS
@@ -115,6 +116,9 @@ CERTIFICATE_FILES = option(
     "What a certificate states, given after the fit; of several files the last one counts.",
     default="as in the calibration file",
 )
+PICTURES = flag(
+    "--pictures/--no-pictures", help="Draw a picture (PNG) into the folder.", value=True
+)
 RESULT_FILES = argument("RESULT...", "result.json, one or more.")
 
 
@@ -204,7 +208,7 @@ def marked(name: str) -> str:
     return f"⟦{flag}⟧{blank}{more}" if flag.startswith("--") else name
 
 
-def pairs(name: str, texts: Sequence[str], example: str) -> dict[str, str]:
+def pairs(name: str, texts: Sequence[str], example: str) -> NamedTexts:
     """Return the names and values of ``NAME=VALUE``."""
     values = {}
     for text in texts:
@@ -217,9 +221,9 @@ def pairs(name: str, texts: Sequence[str], example: str) -> dict[str, str]:
     return values
 
 
-def settings(texts: Sequence[str]) -> dict[str, Any]:
+def settings(texts: Sequence[str]) -> Fields:
     """Return the settings of ``--set NAME=VALUE``: numbers, true, false, or text."""
-    values: dict[str, Any] = {}
+    values: Fields = {}
     for name, text in pairs("--set", texts, "limit=2").items():
         if name in SETTINGS:
             raise InputError(

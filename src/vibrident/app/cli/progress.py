@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from vibrident.app.cli.console import error_console, note
 from vibrident.app.workflow.interruption import tidied_up
-from vibrident.app.workflow.made import ProgressReporter
+from vibrident.base.progress import ProgressReporter
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID

@@ -14,6 +14,9 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
 
+from starlette.requests import ClientDisconnect, HTTPConnection, Request
+from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
+
 from vibrident.app.web.language import LOCALES, SCOPE, language, phrase
 from vibrident.app.workflow.accounts import Account, Accounts
 from vibrident.base.errors import InputError
@@ -73,7 +76,7 @@ class Authenticator:
         self._audit = audit
         self._file = sessions
         self._proxy = proxy
-        self._user_header = None if user_header is None else user_header.lower().encode()
+        self._user_header = None if user_header is None else user_header.lower()
         self._waiting = 0
         self._sessions: dict[str, tuple[str, float]] = {}
         with contextlib.suppress(OSError, ValueError, TypeError):
@@ -102,68 +105,51 @@ class Authenticator:
             return Account(name, "look" if self._accounts else "identify", "")
         return named
 
-    def visitor(self, scope: Any, headers: dict[bytes, str]) -> Account | None:
+    def visitor(self, request: HTTPConnection) -> Account | None:
         """Return the account that makes a request; None if it has no valid session."""
         if self._user_header is not None:
-            name = headers.get(self._user_header, "")
+            name = request.headers.get(self._user_header, "")
             plain = 0 < len(name) <= 200 and name.isprintable()
-            return self.account(name) if plain and _peer_address(scope) == self._proxy else None
-        name, until = self._sessions.get(_session_key(headers, scope), ("", 0.0))
+            return self.account(name) if plain and self._is_proxied(request) else None
+        name, until = self._sessions.get(_session_key(request), ("", 0.0))
         return self.account(name) if time.time() < until else None
 
-    async def answer(
-        self, scope: Any, receive: Any, send: Any, headers: dict[bytes, str], response_headers: Any
-    ) -> bool:
-        """Answer a request that the page does not; False if the page may."""
-        path = scope.get("path")
-        method = scope.get("method")
+    async def answer(self, request: Request) -> Response | None:
+        """Return the answer to a request that the page does not answer; None if the page may."""
+        path = request.scope.get("path")
+        visitor = self.visitor(request)
         if self._user_header is not None:
-            if self.visitor(scope, headers) is None:
-                await respond(
-                    send, 403, response_headers, b"Sign in at the proxy before this page."
-                )
-                return True
-            return False
-        if path == SIGN_IN and method == "POST":
-            await self._sign_in(scope, receive, send, headers, response_headers)
-        elif path == SIGN_IN:
-            await self._form(scope, send, response_headers, 200)
-        elif path == SIGN_OUT and method == "POST":
-            account = self.visitor(scope, headers)
-            self._sessions.pop(_session_key(headers, scope), None)
+            refusal = PlainTextResponse("Sign in at the proxy before this page.", 403)
+            return refusal if visitor is None else None
+        if path == SIGN_IN and request.method == "POST":
+            return await self._sign_in(request)
+        if path == SIGN_IN:
+            return _form(request, 200)
+        if path == SIGN_OUT and request.method == "POST":
+            self._sessions.pop(_session_key(request), None)
             self._write()
-            self.note(account.name if account else "", "signed out")
-            await _redirect(send, response_headers, SIGN_IN)
-        elif self.visitor(scope, headers) is None:
-            if path == "/" and method == "GET":
-                await _redirect(send, response_headers, SIGN_IN)
-            else:
-                await respond(send, 401, response_headers, b"Sign in first.")
-        else:
-            return False
-        return True
+            self.note(visitor.name if visitor else "", "signed out")
+            return RedirectResponse(SIGN_IN, 303)
+        if visitor is not None:
+            return None
+        if path == "/" and request.method == "GET":
+            return RedirectResponse(SIGN_IN, 303)
+        return PlainTextResponse("Sign in first.", 401)
 
-    async def _sign_in(
-        self, scope: Any, receive: Any, send: Any, headers: dict[bytes, str], response_headers: Any
-    ) -> None:
+    async def _sign_in(self, request: Request) -> Response:
         assert self._accounts is not None
         body = b""
-        more = True
-        while more and len(body) <= _MAX_FORM_BYTES:
-            message = await receive()
-            if message["type"] == "http.disconnect":
-                return
-            body = body + message.get("body", b"")
-            more = message.get("more_body", False)
+        with contextlib.suppress(ClientDisconnect):  # then nobody reads the answer
+            async for piece in request.stream():
+                body += piece
+                if len(body) > _MAX_FORM_BYTES:
+                    break
         fields = parse_qs(body[:_MAX_FORM_BYTES].decode("utf-8", "replace"))
         name, password = (fields.get(key, [""])[0] for key in ("name", "password"))
-        where = self._from(scope, headers)
+        where = self._from(request)
         keys = (f"name {name}", f"address {where}")
         if (wait := self._accounts.wait_s(*keys)) > 0.0 or self._waiting >= _MAX_WAITING_SIGN_INS:
-            await self._form(
-                scope, send, response_headers, 429, _TOO_MANY, seconds=f"{max(wait, 1.0):.0f}"
-            )
-            return
+            return _form(request, 429, _TOO_MANY, seconds=f"{max(wait, 1.0):.0f}")
         self._waiting += 1
         try:
             account = await asyncio.to_thread(self._accounts.check, name, password, *keys)
@@ -171,8 +157,7 @@ class Authenticator:
             self._waiting -= 1
         self.note(name[:64], "signed in" if account else "refused", address=where)
         if account is None:
-            await self._form(scope, send, response_headers, 403, _WRONG)
-            return
+            return _form(request, 403, _WRONG)
         token = secrets.token_hex(32)
         now = time.time()
         self._sessions = {
@@ -182,21 +167,26 @@ class Authenticator:
             self._sessions.pop(next(iter(self._sessions)))
         self._sessions[hashlib.sha256(token.encode()).hexdigest()] = (name, now + _SESSION_S)
         self._write()
-        flags = f"Path=/; Max-Age={_SESSION_S:.0f}; HttpOnly; SameSite=Lax"
-        if (
-            self._proxy
-            and _peer_address(scope) == self._proxy
-            and headers.get(b"x-forwarded-proto") == "https"
-        ):
-            flags += "; Secure"
-        cookie = (b"set-cookie", f"{_cookie_name(scope)}={token}; {flags}".encode())
-        await _redirect(send, (*response_headers, cookie), "/")
+        response = RedirectResponse("/", 303)
+        response.set_cookie(
+            _cookie_name(request),
+            token,
+            max_age=int(_SESSION_S),
+            secure=self._is_proxied(request)
+            and request.headers.get("x-forwarded-proto") == "https",
+            httponly=True,
+        )
+        return response
 
-    def _from(self, scope: Any, headers: dict[bytes, str]) -> str:
+    def _is_proxied(self, request: HTTPConnection) -> bool:
+        """Return whether the proxy passes a request on."""
+        return self._proxy is not None and _peer_address(request) == self._proxy
+
+    def _from(self, request: HTTPConnection) -> str:
         """Return the client's address, as the proxy states it where there is one."""
-        peer = _peer_address(scope)
-        if self._proxy and peer == self._proxy:
-            return headers.get(b"x-forwarded-for", peer).rpartition(",")[2].strip()[:64]
+        peer = _peer_address(request)
+        if self._is_proxied(request):
+            return request.headers.get("x-forwarded-for", peer).rpartition(",")[2].strip()[:64]
         return peer
 
     def _write(self) -> None:
@@ -205,40 +195,23 @@ class Authenticator:
             json.dump(self._sessions, out)
         partial.replace(self._file)
 
-    async def _form(
-        self,
-        scope: Any,
-        send: Any,
-        response_headers: Any,
-        status: int,
-        message: str = "",
-        **values: str,
-    ) -> None:
-        """Answer with the form, in the visitor's language, below what is said of the last try."""
-        speak = language(scope.get(SCOPE, "en"))
-        nonce = secrets.token_hex(16)
-        policy = (
-            f"default-src 'none'; style-src 'nonce-{nonce}'; form-action 'self'; "
-            "frame-ancestors 'none'"
-        )
-        alert = f'<p role="alert">{html.escape(speak(message, **values))}</p>' if message else ""
-        page = _PAGE.format(
-            nonce=nonce,
-            said=alert,
-            action=SIGN_IN,
-            lang=LOCALES[speak.code],
-            **{slot: html.escape(speak(text)) for slot, text in _WORDS.items()},
-        ).encode()
-        form_headers = (
-            (b"content-security-policy", policy.encode()),
-            (b"cache-control", b"no-store"),
-        )
-        other_headers = [
-            header for header in response_headers if header[0] != b"content-security-policy"
-        ]
-        await respond(
-            send, status, (*other_headers, *form_headers), page, b"text/html; charset=utf-8"
-        )
+
+def _form(request: Request, status: int, message: str = "", **values: str) -> Response:
+    """Return the form, in the visitor's language, below what is said of the last try."""
+    speak = language(request.scope.get(SCOPE, "en"))
+    nonce = secrets.token_hex(16)
+    page = _PAGE.format(
+        nonce=nonce,
+        said=f'<p role="alert">{html.escape(speak(message, **values))}</p>' if message else "",
+        action=SIGN_IN,
+        lang=LOCALES[speak.code],
+        **{slot: html.escape(speak(text)) for slot, text in _WORDS.items()},
+    )
+    policy = (
+        f"default-src 'none'; style-src 'nonce-{nonce}'; form-action 'self'; frame-ancestors 'none'"
+    )
+    headers = {"content-security-policy": policy, "cache-control": "no-store"}
+    return HTMLResponse(page, status, headers)
 
 
 def build_authenticator(
@@ -279,42 +252,14 @@ def _unguarded_error(settings: str, expected: str) -> InputError:
     )
 
 
-def _peer_address(scope: Any) -> str:
-    return str((scope.get("client") or ("",))[0])
+def _peer_address(request: HTTPConnection) -> str:
+    return request.client.host if request.client else ""
 
 
-def _cookie_name(scope: Any) -> str:
-    return f"vibrident-in-{(scope.get('server') or ('', 0))[1]}"
+def _cookie_name(request: HTTPConnection) -> str:
+    return f"vibrident-in-{(request.scope.get('server') or ('', 0))[1]}"
 
 
-def read_cookies(headers: dict[bytes, str]) -> dict[str, str]:
-    """Return the cookies of a request, by name."""
-    pairs = (
-        assignment.strip().partition("=") for assignment in headers.get(b"cookie", "").split(";")
-    )
-    return {name: value for name, _, value in pairs}
-
-
-def _session_key(headers: dict[bytes, str], scope: Any) -> str:
-    return hashlib.sha256(read_cookies(headers).get(_cookie_name(scope), "").encode()).hexdigest()
-
-
-async def _redirect(send: Any, response_headers: Any, path: str) -> None:
-    await respond(send, 303, (*response_headers, (b"location", path.encode())), b"")
-
-
-async def respond(
-    send: Any,
-    status: int,
-    response_headers: Any,
-    text: bytes,
-    kind: bytes = b"text/plain; charset=utf-8",
-) -> None:
-    """Send a complete response with further headers."""
-    headers = [
-        (b"content-type", kind),
-        (b"content-length", str(len(text)).encode()),
-        *response_headers,
-    ]
-    await send({"type": "http.response.start", "status": status, "headers": headers})
-    await send({"type": "http.response.body", "body": text})
+def _session_key(request: HTTPConnection) -> str:
+    token = request.cookies.get(_cookie_name(request), "")
+    return hashlib.sha256(token.encode()).hexdigest()

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any
 
+from vibrident.base.fields import Fields
 from vibrident.data.io.certificate import CertificateData
 from vibrident.lab.history.store import Store
 from vibrident.lab.issue import drafts, issuing
@@ -24,7 +24,7 @@ FORMS = {
 }
 
 
-def list_drafts(store: str) -> list[dict[str, Any]]:
+def list_drafts(store: str) -> list[Fields]:
     """Return the newest drafts, each with its fields; none where there is no store yet."""
     with Store(store) as opened:
         if opened.revision() is None:

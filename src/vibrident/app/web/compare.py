@@ -29,6 +29,7 @@ class CompareStep:
             self.choice = ui.select([], label=translate("Results"), multiple=True)
             self.choice.props("dense outlined stack-label use-chips").classes("w-full")
             self.choice.on_value_change(self._draw)
+            self.errors = frame.add_error_area()
             self.body = ui.element("div")
         self.section.visible = False
 
@@ -43,6 +44,7 @@ class CompareStep:
         results = [named for named in self.user.results if named.name in (self.choice.value or [])]
         return [named.path for named in results], [named.name for named in results]
 
+    @frame.reported
     async def _draw(self) -> None:
         paths, names = self._selected()
         self.version += 1
@@ -50,10 +52,10 @@ class CompareStep:
         self.body.clear()
         if len(paths) < 2:
             return
-        outcome = await frame.run_sandboxed(
-            self.user, self.body, sandboxed.compare_results, paths, names, page_language().code
+        outcome = await self.user.run_sandboxed(
+            sandboxed.compare_results, paths, names, page_language().code
         )
-        if outcome is None or version != self.version or self.body.is_deleted:
+        if version != self.version or self.body.is_deleted:
             return
         with self.body:
             for _, figure, height in outcome["charts"]:
@@ -63,18 +65,9 @@ class CompareStep:
             with frame.actions():
                 frame.add_button(translate("Comparison (HTML)"), lambda: self._report("html"))
                 frame.add_button(translate("Comparison (PDF)"), lambda: self._report("pdf"))
-            self.errors = frame.add_error_area()
 
+    @frame.reported
     async def _report(self, form: str) -> None:
-        self.errors.clear()
         paths, names = self._selected()
-        await offer_download(
-            self.user,
-            self.errors,
-            FILE_NAMES[form][1],
-            sandboxed.write_report,
-            paths,
-            form,
-            names,
-            CertificateData(),
-        )
+        report = (sandboxed.write_report, paths, form, names, CertificateData())
+        await offer_download(self.user, FILE_NAMES[form][1], *report)

@@ -194,13 +194,13 @@ class DataStep:
             self.left_out, {reason: names for reason, names in left_out.items() if names}
         )
 
+    @frame.reported
     async def _load_demo(self) -> None:
         """Replace the data by the simulated demo."""
-        self.errors.clear()
         self.left_out.clear()
         session = self.user.session
         try:
-            if self.user.busy:
+            if self.user.fit.busy:
                 raise InputError(
                     "An identification is under way.",
                     expected="none",
@@ -216,12 +216,9 @@ class DataStep:
             session.clear()
             session.open()
             self.user.form = None
-            await self.user.worker.run(simulate_demo, folder=session.data)
+            await self.user.fit.worker.run(simulate_demo, folder=session.data)
             session.rescan()
         except asyncio.CancelledError:
-            return
-        except Exception as error:
-            frame.show_error(self.errors, error, session)
             return
         finally:
             self.demo_button.enable()

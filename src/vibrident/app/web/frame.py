@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+import functools
+import inspect
 import json
 import logging
 import secrets
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from nicegui import ui
@@ -17,6 +20,7 @@ from vibrident.app.web.user import User
 from vibrident.app.web.words import LABELS, page_word
 from vibrident.base.errors import InputError, VibridentError
 from vibrident.base.escaping import html
+from vibrident.base.fields import NamedTexts
 from vibrident.base.process import WorkerError
 from vibrident.show import views
 
@@ -30,7 +34,7 @@ def show_error(
     element: ui.element,
     error: BaseException,
     session: PageSession | None = None,
-    labels: Mapping[str, str] = LABELS,
+    labels: NamedTexts = LABELS,
 ) -> None:
     """Show an error in a box, in the words of the form; for unexpected ones, the number in the log.
 
@@ -58,15 +62,26 @@ def _show_untranslated(text: str) -> ui.label:
     return ui.label(translated).props("lang=en" if translated == text else "")
 
 
-async def run_sandboxed(
-    user: User, errors: ui.element, function: Callable[..., Any], *args: Any, **limits: Any
-) -> Any:
-    """Return what a function of ``sandboxed`` returns; None after showing its error."""
+@contextlib.contextmanager
+def reporting(area: ui.element, user: User) -> Iterator[None]:
+    """Show in an area, which is empty before, what is raised within the block."""
+    area.clear()
     try:
-        return await user.run_sandboxed(function, *args, **limits)
+        yield
     except Exception as error:
-        show_error(errors, error, user.session)
-        return None
+        show_error(area, error, user.session)
+
+
+def reported(handler: Callable[..., Any]) -> Callable[..., Any]:
+    """Decorate a handler of a step: what it raises is shown in ``errors`` of the step."""
+
+    @functools.wraps(handler)
+    async def reported_handler(step: Any, *args: Any, **kwargs: Any) -> Any:
+        with reporting(step.errors, step.user):
+            done = handler(step, *args, **kwargs)
+            return await done if inspect.isawaitable(done) else done
+
+    return reported_handler
 
 
 def show_left_out(element: ui.element, left_out: Mapping[str, Sequence[str]]) -> None:
@@ -247,17 +262,16 @@ class GrowingChart:
         self.points = points
         return grows
 
-    def show(self, figure: dict[str, Any]) -> None:
+    def show(self, figure: bytes) -> None:
         """Draw the chart, or draw it anew.
 
         Plotly draws nothing in a hidden element, so none is made before.
         """
-        drawn = json.dumps(figure).encode()
         if self.chart is None:
             with self.element:
-                self.chart = ChartView(drawn, self.height)
+                self.chart = ChartView(figure, self.height)
         else:
-            self.chart.show(drawn)
+            self.chart.show(figure)
 
     def forget(self) -> None:
         """Take the chart away."""
@@ -267,7 +281,7 @@ class GrowingChart:
 
 
 def _for_page(
-    error: InputError, session: PageSession | None, labels: Mapping[str, str] = LABELS
+    error: InputError, session: PageSession | None, labels: NamedTexts = LABELS
 ) -> InputError:
     """Return the error in the words of the page, without the server's folders."""
     error_on_page = error.in_words(page_word(labels))

@@ -9,31 +9,35 @@ import secrets
 from typing import Any
 from urllib.parse import urlsplit
 
-from vibrident.app.web.authentication import Authenticator, read_cookies, respond
+from starlette.requests import HTTPConnection, Request
+from starlette.responses import PlainTextResponse, Response
+
+from vibrident.app.web.authentication import Authenticator
 from vibrident.app.web.language import SCOPE, choose_language
+from vibrident.base.fields import Fields, NamedTexts
 
 _ENVELOPE_BYTES = 1_000_000  # allowance for the browser's envelope around files
 _MAX_LENGTH_DIGITS = 18
+_POLICY_VIOLATION = 1008  # code of a WebSocket that is closed
 _MAX_FULL_UPLOADS = 4  # most simultaneous uploads of the largest size, of all users together
 OWNER = "vibrident.owner"  # key of a request's scope: whose browser it is
 ACCOUNT = "vibrident.account"  # the same: who signed in, if the page has a door
 _COOKIE_S = 30 * 86_400
 _COOKIE = re.compile(r"[0-9a-f]{64}")
 _HOST = re.compile(r"[\w.\-]+(:\d{1,5})?|\[[0-9a-fA-F:.]+\](:\d{1,5})?", re.ASCII)
-_HEADERS = (
-    (b"x-content-type-options", b"nosniff"),
-    (b"x-frame-options", b"DENY"),
-    (b"referrer-policy", b"same-origin"),  # without any, a form says that it comes from nowhere
-    (b"cross-origin-opener-policy", b"same-origin"),
-    (b"cross-origin-resource-policy", b"same-origin"),
-)
+_HEADERS = {
+    "x-content-type-options": "nosniff",
+    "x-frame-options": "DENY",
+    "referrer-policy": "same-origin",  # without any, a form says that it comes from nowhere
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+}
 _STRANGER = (
-    b"The page is not known by this name. Open the address that the server printed, or start the "
-    b"server with this name "
-    b"among its own."
+    "The page is not known by this name. Open the address that the server printed, or start the "
+    "server with this name among its own."
 )
-_TOO_LARGE = b"The files are too large for the page."
-_BUSY = b"The server takes as many files as it can at this moment. Try again in a minute."
+_TOO_LARGE = "The files are too large for the page."
+_BUSY = "The server takes as many files as it can at this moment. Try again in a minute."
 
 
 def policy(host: str, nonce: str = "") -> str:
@@ -81,57 +85,70 @@ class Guard:
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
-        headers = _read_headers(scope)
-        scope[SCOPE] = choose_language(read_cookies(headers), headers.get(b"accept-language", ""))
-        if not self._is_own_host(scope, headers) or _is_cross_site(scope, headers):
-            await _refuse(scope, send, 403, _STRANGER)
-        elif scope["type"] == "websocket":
-            await self._connected(scope, receive, send, headers)
-        elif (
-            not (length := headers.get(b"content-length", "0")).isdecimal()
-            or len(length) > _MAX_LENGTH_DIGITS
-        ):
-            await _refuse(scope, send, 400, b"The length of the request is not a number.")
-        elif int(length) > self._limit:
-            await _refuse(scope, send, 413, _TOO_LARGE)
-        elif self._door and await self._door.answer(scope, receive, send, headers, _HEADERS):
+        plain_scope = {**scope, "headers": _plain_headers(scope)}
+        connection = HTTPConnection(plain_scope)
+        accepted = connection.headers.get("accept-language", "")
+        scope[SCOPE] = plain_scope[SCOPE] = choose_language(connection.cookies, accepted)
+        if scope["type"] == "websocket":
+            await self._connected(scope, receive, send, connection)
             return
-        elif self._coming + int(length) > _MAX_FULL_UPLOADS * self._limit:
-            await _refuse(scope, send, 503, _BUSY)
-        else:
-            account = self._door.visitor(scope, headers) if self._door else None
-            scope[OWNER], cookie = (
-                (account.name, ()) if account else browser_identity(scope, headers)
-            )
-            scope[ACCOUNT] = account
-            await self._guarded(scope, receive, send, headers[b"host"], cookie)
+        response = await self._answer(Request(plain_scope, receive))
+        if response is not None:
+            response.headers.update(_HEADERS)
+            await response(scope, receive, send)
+            return
+        account = self._door.visitor(connection) if self._door else None
+        scope[OWNER], cookie = (account.name, {}) if account else browser_identity(connection)
+        scope[ACCOUNT] = account
+        await self._guarded(scope, receive, send, connection.headers["host"], cookie)
+
+    async def _answer(self, request: Request) -> Response | None:
+        """Return the answer to a request that the page shall not answer; None if it may."""
+        length = request.headers.get("content-length", "0")
+        if self._is_foreign(request):
+            return _refusal(403, _STRANGER)
+        if not length.isdecimal() or len(length) > _MAX_LENGTH_DIGITS:
+            return _refusal(400, "The length of the request is not a number.")
+        if int(length) > self._limit:
+            return _refusal(413, _TOO_LARGE)
+        if self._door and (response := await self._door.answer(request)) is not None:
+            return response
+        if self._coming + int(length) > _MAX_FULL_UPLOADS * self._limit:
+            return _refusal(503, _BUSY)
+        return None
 
     async def _connected(
-        self, scope: Any, receive: Any, send: Any, headers: dict[bytes, str]
+        self, scope: Any, receive: Any, send: Any, connection: HTTPConnection
     ) -> None:
         """Pass a WebSocket on for as long as its visitor may be here."""
-        door = self._door
-        if door and door.visitor(scope, headers) is None:
-            await _refuse(scope, send, 403, b"")
-            return
+
+        def is_gone() -> bool:
+            return self._door is not None and self._door.visitor(connection) is None
 
         async def checked() -> Any:
             message = await receive()
-            gone = door is not None and door.visitor(scope, headers) is None
-            return {"type": "websocket.disconnect", "code": 1008} if gone else message
+            end = {"type": "websocket.disconnect", "code": _POLICY_VIOLATION}
+            return end if is_gone() else message
 
-        await self._app(scope, checked, send)
+        if self._is_foreign(connection) or is_gone():
+            await send({"type": "websocket.close", "code": _POLICY_VIOLATION})
+        else:
+            await self._app(scope, checked, send)
 
-    def _is_own_host(self, scope: Any, headers: dict[bytes, str]) -> bool:
+    def _is_foreign(self, connection: HTTPConnection) -> bool:
+        """Return whether a request is for another host, or of another site."""
+        return not self._is_own_host(connection) or _is_cross_site(connection)
+
+    def _is_own_host(self, connection: HTTPConnection) -> bool:
         """Return whether the host is an allowed name, or the address that the request reached."""
-        host = headers.get(b"host", "")
+        host = connection.headers.get("host", "")
         if not _HOST.fullmatch(host):
             return False
         try:
             name = _normal_host(urlsplit(f"//{host}").hostname or "")
         except ValueError:
             return False
-        server_address = scope.get("server")
+        server_address = connection.scope.get("server")
         return name in self._names or (
             bool(server_address)
             and _is_address(name)
@@ -139,18 +156,15 @@ class Guard:
         )
 
     async def _guarded(
-        self, scope: Any, receive: Any, send: Any, host: str, cookie: tuple[Any, ...]
+        self, scope: Any, receive: Any, send: Any, host: str, cookie: NamedTexts
     ) -> None:
         received = 0
         started = False
         nonce = secrets.token_hex(16)
-        added_headers = (
-            (b"content-security-policy", policy(host, nonce).encode()),
-            *_HEADERS,
-            *cookie,
-        )
+        added = {"content-security-policy": policy(host, nonce), **_HEADERS, **cookie}
+        added_headers = [(key.encode(), value.encode()) for key, value in added.items()]
         # the start of a page, until its scripts have the nonce
-        page_start: dict[str, Any] | None = None
+        page_start: Fields | None = None
 
         async def counted() -> Any:
             nonlocal received
@@ -187,53 +201,53 @@ class Guard:
         except BodyTooLarge:
             if not started:
                 large = received > self._limit
-                await _refuse(scope, send, 413 if large else 503, _TOO_LARGE if large else _BUSY)
+                refusal = _refusal(413, _TOO_LARGE) if large else _refusal(503, _BUSY)
+                refusal.headers.update(_HEADERS)
+                await refusal(scope, receive, send)
         finally:
             self._coming -= received
 
 
-def browser_identity(
-    scope: Any, headers: dict[bytes, str]
-) -> tuple[str, tuple[tuple[bytes, bytes], ...]]:
+def browser_identity(connection: HTTPConnection) -> tuple[str, NamedTexts]:
     """Return the hash of a browser's token, and the header that sets its cookie if it has none."""
+    scope = connection.scope
     name = f"vibrident-{(scope.get('server') or ('', 0))[1]}"  # browsers do not tell ports apart
-    token = read_cookies(headers).get(name, "")
-    more = ()
+    token = connection.cookies.get(name, "")
+    header = {}
     if not _COOKIE.fullmatch(token):
         token = secrets.token_hex(32)
-        cookie = f"{name}={token}; Path=/; Max-Age={_COOKIE_S}; HttpOnly; SameSite=Lax"
-        more = ((b"set-cookie", cookie.encode()),) if scope.get("path") == "/" else ()
-    return hashlib.sha256(token.encode()).hexdigest(), more
+        if scope.get("path") == "/":
+            flags = f"Path=/; Max-Age={_COOKIE_S}; HttpOnly; SameSite=Lax"
+            header = {"set-cookie": f"{name}={token}; {flags}"}
+    return hashlib.sha256(token.encode()).hexdigest(), header
 
 
-def _read_headers(scope: Any) -> dict[bytes, str]:
+def _plain_headers(scope: Any) -> list[tuple[bytes, bytes]]:
     """Return the headers; one with contradictory values gets a value that fits no rule."""
-    headers: dict[bytes, str] = {}
+    headers: dict[bytes, bytes] = {}
     for key, value in scope["headers"]:
-        text = value.decode("latin-1")
-        headers[key] = text if headers.get(key, text) == text else "\n"
-    return headers
+        headers[key] = value if headers.get(key, value) == value else b"\n"
+    return [*headers.items()]
 
 
-def _is_cross_site(scope: Any, headers: dict[bytes, str]) -> bool:
+def _is_cross_site(connection: HTTPConnection) -> bool:
     """Return whether a page of another origin makes the request.
 
     Following a link to this page is allowed.
     """
-    origin = headers.get(b"origin")
+    headers = connection.headers
+    scope = connection.scope
+    origin = headers.get("origin")
     try:
-        if origin is not None and urlsplit(origin).netloc != headers[b"host"]:
+        if origin is not None and urlsplit(origin).netloc != headers["host"]:
             return True
     except ValueError:  # not an address, such as one with a single bracket
         return True
-    if headers.get(b"sec-fetch-site", "same-origin") in ("same-origin", "none"):
+    if headers.get("sec-fetch-site", "same-origin") in ("same-origin", "none"):
         return False
     visits = scope["type"] == "http" and scope.get("method") == "GET" and scope.get("path") == "/"
-    return not (
-        visits
-        and (headers.get(b"sec-fetch-mode"), headers.get(b"sec-fetch-dest"))
-        == ("navigate", "document")
-    )
+    fetch = (headers.get("sec-fetch-mode"), headers.get("sec-fetch-dest"))
+    return not (visits and fetch == ("navigate", "document"))
 
 
 def _normal_host(name: str) -> str:
@@ -254,9 +268,7 @@ def _is_address(name: str) -> bool:
     return True
 
 
-async def _refuse(scope: Any, send: Any, status: int, text: bytes) -> None:
-    if scope["type"] == "websocket":
-        await send({"type": "websocket.close", "code": 1008})
-        return
-    nothing = (b"content-security-policy", b"default-src 'none'; frame-ancestors 'none'")
-    await respond(send, status, ((b"connection", b"close"), nothing, *_HEADERS), text)
+def _refusal(status: int, text: str) -> Response:
+    nothing = "default-src 'none'; frame-ancestors 'none'"
+    headers = {"connection": "close", "content-security-policy": nothing}
+    return PlainTextResponse(text, status, headers)

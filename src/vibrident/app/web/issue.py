@@ -12,6 +12,7 @@ from vibrident.app.web.language import phrase, translate
 from vibrident.app.web.outcome import MAX_STORE_BYTES, offer_download
 from vibrident.app.web.state import NamedResult
 from vibrident.app.web.user import User
+from vibrident.base.fields import Fields
 from vibrident.data.io.certificate import CertificateData
 from vibrident.lab.issue.drafts import ISSUED, REVIEWED, same_account
 from vibrident.show.views import capitalised
@@ -50,15 +51,16 @@ class IssueStep:
             self.body = ui.element("div")
         self.section.visible = False
 
+    @frame.reported
     async def show(self) -> None:
         """Show the drafts that the store has now."""
         if not self.is_offered:
             return
         store = self.user.users.store
-        drafts = await frame.run_sandboxed(
-            self.user, self.errors, certificates.list_drafts, store, file_bytes=MAX_STORE_BYTES
+        drafts = await self.user.run_sandboxed(
+            certificates.list_drafts, store, file_bytes=MAX_STORE_BYTES
         )
-        if drafts is None or self.body.is_deleted:
+        if self.body.is_deleted:
             return
         self.section.visible = bool(drafts)
         self.body.clear()
@@ -67,22 +69,13 @@ class IssueStep:
             for draft in drafts:
                 self._show_draft(draft, replacements.get(draft["number"] or None))
 
-    async def hand_in(self, named: NamedResult, data: CertificateData, errors: ui.element) -> None:
+    async def hand_in(self, named: NamedResult, data: CertificateData) -> None:
         """Hand in a draft of a result, and show it."""
-        errors.clear()
-        try:
-            self.user.require("identify", "hand in a draft")
-            draft_id = await self.user.run_sandboxed(
-                certificates.hand_in_draft,
-                named.path,
-                self.user.users.store,
-                data,
-                self.user.owner,
-                file_bytes=MAX_STORE_BYTES,
-            )
-        except Exception as error:
-            frame.show_error(errors, error, self.user.session)
-            return
+        self.user.require("identify", "hand in a draft")
+        draft = (certificates.hand_in_draft, named.path, self.user.users.store, data)
+        draft_id = await self.user.run_sandboxed(
+            *draft, self.user.owner, file_bytes=MAX_STORE_BYTES
+        )
         await self.user.note("handed in", named.path, draft=draft_id)
         await self.show()
         self.status.text = translate(
@@ -90,7 +83,7 @@ class IssueStep:
         )
         frame.scroll_to(self.section)
 
-    def _show_draft(self, draft: dict[str, Any], replaced_by: str | None) -> None:
+    def _show_draft(self, draft: Fields, replaced_by: str | None) -> None:
         draft_id = draft["id"]
         is_issued = draft["state"] == ISSUED
         if is_issued:
@@ -109,7 +102,7 @@ class IssueStep:
             if not is_issued and self.user.may("approve"):
                 self._build_approval(draft)
 
-    def _build_approval(self, draft: dict[str, Any]) -> None:
+    def _build_approval(self, draft: Fields) -> None:
         """Build what an account with the role ``approve`` can do with a draft."""
         draft_id = draft["id"]
         if same_account(draft["author"], self.user.owner):
@@ -134,48 +127,43 @@ class IssueStep:
                 name=translate("Issue and sign draft {number}", number=draft_id),
             )
 
+    @frame.reported
     async def _review(self, draft_id: int, accepted: bool, note: str) -> None:
         action = "reviewed" if accepted else "returned"
         confirmation = "Draft {number} is reviewed." if accepted else "Draft {number} is returned."
         review = (certificates.review_draft, draft_id, self.user.owner, accepted, note)
-        if await self._change("review a draft", action, *review):
-            self.status.text = translate(confirmation, number=draft_id)
+        await self._change("review a draft", action, *review)
+        self.status.text = translate(confirmation, number=draft_id)
 
+    @frame.reported
     async def _issue(self, draft_id: int) -> None:
         self.status.text = translate("Signing …")
         key = self.user.users.key or ()
         issue = (certificates.issue_certificate, draft_id, self.user.owner, *key)
-        if await self._change("issue a certificate", "issued", *issue):
-            self.status.text = translate("Draft {number} is issued.", number=draft_id)
+        await self._change("issue a certificate", "issued", *issue)
+        self.status.text = translate("Draft {number} is issued.", number=draft_id)
 
     async def _change(
         self, purpose: str, action: str, function: Any, draft_id: int, *args: Any
-    ) -> bool:
-        """Make a change that needs the role ``approve``, note it, and show the drafts again.
-
-        Return whether it was made.
-        """
-        self.errors.clear()
+    ) -> None:
+        """Make a change that needs the role ``approve``, note it, and show the drafts again."""
+        self.user.require("approve", purpose)
         try:
-            self.user.require("approve", purpose)
             await self.user.run_sandboxed(
                 function, self.user.users.store, draft_id, *args, file_bytes=MAX_STORE_BYTES
             )
-        except Exception as error:
+        finally:
             self.status.text = ""
-            frame.show_error(self.errors, error, self.user.session)
-            return False
         await self.user.note(action, draft=draft_id)
         await self.show()
-        return True
 
+    @frame.reported
     async def _download(self, draft_id: int, form: str) -> None:
-        self.errors.clear()
         document = (certificates.read_document, self.user.users.store, draft_id, form)
-        await offer_download(self.user, self.errors, str, *document, file_bytes=MAX_STORE_BYTES)
+        await offer_download(self.user, str, *document, file_bytes=MAX_STORE_BYTES)
 
 
-def _describe_history(draft: dict[str, Any], replaced_by: str | None) -> str:
+def _describe_history(draft: Fields, replaced_by: str | None) -> str:
     """Return a sentence on who did what with a draft."""
     steps = [
         translate(

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields, GivenFields
 from vibrident.base.files import atomic_write
 from vibrident.data.io.laboratory import checked_laboratory, laboratory_text, read_laboratory
 
@@ -30,7 +30,7 @@ class Laboratories:
         """Return the names of the profiles, sorted."""
         return sorted(path.stem for path in self.folder.glob("*.toml"))
 
-    def read(self, name: str) -> dict[str, Any]:
+    def read(self, name: str) -> Fields:
         """Return the document of a profile; an empty one if there is no profile of this name.
 
         InputError where somebody has spoiled the file by hand.
@@ -45,7 +45,7 @@ class Laboratories:
         path = self.folder / f"{name}.{kind}"
         return path.read_bytes() if name in self.names and path.is_file() else b""
 
-    def write(self, name: str, document: Mapping[str, Any], files: Mapping[str, bytes]) -> str:
+    def write(self, name: str, document: GivenFields, files: Mapping[str, bytes]) -> str:
         """Write a profile in place of an earlier one, and return its name.
 
         ``files``: the content of its files by kind, nothing for none. InputError for a name or a

@@ -15,6 +15,7 @@ from pathlib import Path
 from string import Formatter
 from typing import Any
 
+from vibrident.base.fields import NamedTexts
 from vibrident.show.language import COMMA, Translator, from_english
 
 #: Code → what the language calls itself.
@@ -30,7 +31,7 @@ _NUMBER = re.compile(r"[-+−±<(]?\s?\d")
 _FILE = re.compile(r"\.[A-Za-z]|\d{4}-\d\d")
 
 
-def choose_language(cookies: Mapping[str, str], accepted: str) -> str:
+def choose_language(cookies: NamedTexts, accepted: str) -> str:
     """Return the code of a page's language: the chosen one, else the browser's first known one."""
     if (code := cookies.get(COOKIE, "")) in LANGUAGES:
         return code
@@ -76,7 +77,7 @@ def language(code: str) -> Language:
 
 
 @cache
-def catalogue(code: str) -> Mapping[str, Mapping[str, str]]:
+def catalogue(code: str) -> Mapping[str, NamedTexts]:
     """Return the page's own catalogue of a language: English sentence → sentence, in two parts.
 
     ``said`` are sentences of the page itself, ``made`` those that it gets in English with their
@@ -145,7 +146,7 @@ class Language:
         return self._value(english)
 
     @cached_property
-    def _words(self) -> Mapping[str, str]:
+    def _words(self) -> NamedTexts:
         page_words = catalogue(self.code)
         return {**from_english(self.code), **page_words["made"], **page_words["said"]}
 

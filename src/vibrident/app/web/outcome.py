@@ -16,7 +16,7 @@ from vibrident.app.web.session import RESULT
 from vibrident.app.web.state import NamedResult
 from vibrident.app.web.user import User
 from vibrident.app.web.words import LABELS
-from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields
 from vibrident.data.io.certificate import CertificateData
 from vibrident.show.report import FILE_NAMES
 
@@ -33,7 +33,7 @@ class DraftReceiver(Protocol):
         """Return whether drafts can be handed in."""
         ...
 
-    async def hand_in(self, named: NamedResult, data: CertificateData, errors: ui.element) -> None:
+    async def hand_in(self, named: NamedResult, data: CertificateData) -> None:
         """Hand in a draft of a result."""
         ...
 
@@ -86,12 +86,12 @@ class OutcomeStep:
         named = chosen[0]
         self.version += 1
         version = self.version
-        self.body.clear()
-        with self.body:
-            ui.spinner(size="28px")
-        outcome = await frame.run_sandboxed(
-            self.user, self.body, sandboxed.read_outcome, named.path, page_language().code
-        )
+        outcome = None
+        with frame.reporting(self.body, self.user):
+            with self.body:
+                ui.spinner(size="28px")
+            look = (sandboxed.read_outcome, named.path, page_language().code)
+            outcome = await self.user.run_sandboxed(*look)
         if outcome is None or version != self.version or self.body.is_deleted:
             return
         self.body.clear()
@@ -105,7 +105,6 @@ class OutcomeStep:
             self.errors = frame.add_error_area()
             _curves(outcome)
             self._build_exports(named)
-            self.export_errors = frame.add_error_area()
             if go:  # before the history, which is read in a process of its own
                 frame.scroll_to(self.section)
             if store := self.user.users.store:
@@ -133,11 +132,11 @@ class OutcomeStep:
                 partial(self._download_everything, named),
                 "outline id=get-everything",
             )
-        if named.choices is not None:
-            name = named.choices.calibration
+        if named.request is not None:
+            (name,) = named.request.files
             with ui.expansion(translate("The same in a shell")) as commands:
                 frame.hint(translate("With {file} in the folder of the data:", file=name))
-                frame.Text("command", translate("Command"), named.choices.command)
+                frame.Text("command", translate("Command"), named.request.command)
                 frame.add_button(
                     name, lambda: ui.download.file(named.calibration, name), "outline id=get-toml"
                 )
@@ -169,44 +168,39 @@ class OutcomeStep:
 
             async def export() -> None:
                 options = {name: field.value or None for name, field in fields.items()}
-                await self._download_export(named, choice.value, options)
+                with frame.reporting(errors, self.user):
+                    await self._download_export(named, choice.value, options)
 
             show_fields()
             choice.on_value_change(show_fields)
             frame.add_button(translate("Export"), export, "outline id=get-export")
+        errors = frame.add_error_area()
 
+    @frame.reported
     async def _download_report(self, named: NamedResult, form: str, name: str) -> None:
-        self.errors.clear()
         name = self.certificate.name_of_file(name)
         await self.user.note("issued", named.path, document=name)
         stated = self.certificate.stated_data()
         report = (sandboxed.write_report, [named.path], form, [], stated)
-        await offer_download(self.user, self.errors, name, *report)
+        await offer_download(self.user, name, *report)
 
+    @frame.reported
     async def _download_everything(self, named: NamedResult) -> None:
-        self.errors.clear()
         await self.user.note("issued", named.path, document="everything.zip")
-        calibration = named.calibration if named.choices is not None else None
+        calibration = named.calibration if named.request is not None else None
         name = self.certificate.name_of_file("calibration.zip")
         stated = self.certificate.stated_data()
         async with self.user.session.new_folder("export") as folder:
             archive = (sandboxed.write_everything, named.path, calibration, folder, stated)
-            await offer_download(
-                self.user, self.errors, name, *archive, file_bytes=_MAX_EXPORT_BYTES
-            )
+            await offer_download(self.user, name, *archive, file_bytes=_MAX_EXPORT_BYTES)
 
-    async def _download_export(
-        self, named: NamedResult, form: str, options: dict[str, Any]
-    ) -> None:
-        self.export_errors.clear()
+    async def _download_export(self, named: NamedResult, form: str, options: Fields) -> None:
         await self.user.note("exported", named.path, form=form)
         full_name = self.certificate.name_of_file
         stated = self.certificate.stated_data()
         async with self.user.session.new_folder("export") as folder:
             export = (sandboxed.write_export, named.path, folder, form, options, stated)
-            await offer_download(
-                self.user, self.export_errors, full_name, *export, file_bytes=_MAX_EXPORT_BYTES
-            )
+            await offer_download(self.user, full_name, *export, file_bytes=_MAX_EXPORT_BYTES)
 
 
 class HistoryPanel:
@@ -249,46 +243,41 @@ class HistoryPanel:
         self.status = frame.hint("").props("role=status id=history-words")
         self.errors = frame.add_error_area()
         self.body = ui.element("div").props("id=history")
-        await self._update(sandboxed.read_history)
+        await self._update()
 
     async def _add(self) -> None:
         self.button.disable()
         await self.user.note("added to history", self.named.path)
-        await self._update(sandboxed.add_to_history)
+        await self._update("add")
         if not self.button.is_deleted:
             self.button.enable()
 
+    @frame.reported
     async def _hand_in(self) -> None:
-        await self.hand_in.hand_in(self.named, self.certificate.stated_data(), self.errors)
+        await self.hand_in.hand_in(self.named, self.certificate.stated_data())
 
+    @frame.reported
     async def _approve(self) -> None:
-        self.errors.clear()
-        try:
-            self.user.require("approve", "approve")
-        except InputError as error:
-            frame.show_error(self.errors, error)
-            return
+        self.user.require("approve", "approve")
         await self.user.note("approved", self.named.path)
         approver = self.user.owner if self.user.users.door else "the page"
-        await self._update(sandboxed.approve_in_history, approver)
+        await self._update("approve", approver)
 
-    async def _update(self, function: Any, *arguments: str) -> None:
-        """Show what a function of ``sandboxed`` returns of the history."""
-        self.errors.clear()
-        if function is not sandboxed.read_history and not self.user.may("identify"):
+    @frame.reported
+    async def _update(self, *change: str) -> None:
+        """Change the history, as ``sandboxed.history`` does, and show it."""
+        if change and not self.user.may("identify"):
             return
-        outcome = await frame.run_sandboxed(
-            self.user,
-            self.errors,
-            function,
+        outcome = await self.user.run_sandboxed(
+            sandboxed.history,
             self.named.path,
             self.store,
             self.certificate.stated_data(),
             page_language().code,
-            *arguments,
+            *change,
             file_bytes=MAX_STORE_BYTES,
         )
-        if outcome is None or self.body.is_deleted:
+        if self.body.is_deleted:
             return
         self.status.text = outcome["words"]
         self.body.clear()
@@ -299,31 +288,22 @@ class HistoryPanel:
 
 
 async def offer_download(
-    user: User,
-    errors: ui.element,
-    name: str | Callable[[str], str],
-    function: Any,
-    *args: Any,
-    **limits: Any,
+    user: User, name: str | Callable[[str], str], function: Any, *args: Any, **limits: Any
 ) -> None:
     """Let the browser download the file that a function of ``sandboxed`` makes.
 
     ``name``: of the file; or a function from the name that the sandboxed function returns as well.
     """
-    try:
-        content = await user.run_sandboxed(function, *args, **limits)
-        if not isinstance(name, str):
-            content, plain = content
-            name = name(plain)
-        download = await asyncio.to_thread(user.session.download, content)
-    except Exception as error:
-        frame.show_error(errors, error, user.session)
-        return
-    if not errors.is_deleted:
+    content = await user.run_sandboxed(function, *args, **limits)
+    if not isinstance(name, str):
+        content, plain = content
+        name = name(plain)
+    download = await asyncio.to_thread(user.session.download, content)
+    if user.connected:
         ui.download.file(download, name)
 
 
-def _curves(outcome: dict[str, Any]) -> None:
+def _curves(outcome: Fields) -> None:
     if outcome["left_out"]:
         frame.hint(translate("Not everything can be drawn here; see the report (HTML)."))
     for title, figure, height in outcome["charts"]:

@@ -20,7 +20,6 @@ from vibrident.data.records import FloatArray
 from vibrident.show import axes
 from vibrident.show.data_figures import lissajous
 from vibrident.show.formulas import Mixed
-from vibrident.show.media.charts import Chart
 from vibrident.show.numbers import shortened
 from vibrident.show.views import BLUE, GREEN, VERMILION, Figure, Look, Panel, Series, Stack
 
@@ -31,8 +30,8 @@ MAX_ELLIPSE_SAMPLES = 1 << 18  # of light, enough to fit an ellipse
 
 def preview(
     description: Description, folder: Path, files: Sequence[str], language: Language
-) -> Chart:
-    """Return a figure of the first file: reference above response, or magnitude over frequency.
+) -> bytes:
+    """Return the chart of the first file: reference above response, or magnitude over frequency.
 
     Two photodetector signals are also drawn over each other, with their ellipse.
     """
@@ -62,7 +61,7 @@ def preview(
     if light is not source:
         signals = [column for column in description.motion if column is not None]
         stacks.insert(-1, _draw_columns(light, signals, None, table=False))
-    ((_, chart),) = charts(language, Figure("preview", "", tuple(stacks), across=len(stacks)))
+    ((_, chart, _),) = charts(language, Figure("preview", "", tuple(stacks), across=len(stacks)))
     return chart
 
 

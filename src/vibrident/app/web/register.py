@@ -6,10 +6,10 @@ import datetime
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from vibrident.app.web.language import Language, language
 from vibrident.app.web.translated import fragment
+from vibrident.base.fields import Fields
 from vibrident.data.io.certificate import CertificateData
 from vibrident.result import Result
 from vibrident.show.issue import lacking, with_statements
@@ -26,7 +26,7 @@ class CertifiableResult:
     missing: int  # entries that a certificate must state and this one does not
 
 
-def sensors(store: str, serial_part: str, code: str) -> dict[str, Any]:
+def sensors(store: str, serial_part: str, code: str) -> Fields:
     """Return the sensors of a store with last calibration and next due date, the soonest first.
 
     ``serial_part``: of the serial number; ``code``: of the language. ``table`` is HTML, ``count``
@@ -47,7 +47,7 @@ def sensors(store: str, serial_part: str, code: str) -> dict[str, Any]:
     }
 
 
-def _table(rows: Sequence[dict[str, Any]], speak: Language) -> Table:
+def _table(rows: Sequence[Fields], speak: Language) -> Table:
     today = datetime.date.today().isoformat()
     cells = []
     overdue = []

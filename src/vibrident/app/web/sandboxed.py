@@ -7,11 +7,10 @@ from ``vibrident.base.sandbox``.
 from __future__ import annotations
 
 import io
-import json
 import os
 import time
 import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,9 +19,10 @@ from vibrident.app.web.form.description import ROLES, Description
 from vibrident.app.web.language import Language, language, phrase
 from vibrident.app.web.preview import preview
 from vibrident.app.web.session import refuse_outside
-from vibrident.app.web.translated import charts, fragment
+from vibrident.app.web.translated import MAX_CHART_BYTES, charts, fitting, fragment
 from vibrident.app.web.words import page_word
 from vibrident.base.errors import InputError, VibridentError
+from vibrident.base.fields import Fields, NamedTexts
 from vibrident.data.io import read
 from vibrident.data.io.certificate import CertificateData, certificate_text
 from vibrident.data.io.columns import require_room
@@ -43,7 +43,6 @@ if TYPE_CHECKING:
     from vibrident.lab.history.store import Store
 
 MAX_TEXT_LENGTH = 20_000  # most characters of a calibration file shown
-MAX_CHART_BYTES = 4_000_000  # most bytes of charts sent to the browser at once
 _MAX_CHECK_S = 40.0  # seconds after which no further file is examined
 
 
@@ -62,12 +61,10 @@ def draw_chart(
     description: Description, folder: Path, files: Sequence[str], code: str = "en"
 ) -> bytes:
     """Return the beginning of the chosen columns as JSON of a figure; ``code``: of its language."""
-    return _json(preview(description, folder, files, language(code)))
+    return preview(description, folder, files, language(code))
 
 
-def find_faults(
-    description: Description, folder: Path, files: Sequence[str]
-) -> list[dict[str, str]]:
+def find_faults(description: Description, folder: Path, files: Sequence[str]) -> list[NamedTexts]:
     """Return the fields of a message for each file whose columns an identification would refuse."""
     messages = []
     until = time.monotonic() + _MAX_CHECK_S
@@ -113,15 +110,15 @@ def model_and_estimator(path: Path) -> tuple[str, str]:
     return result.model, result.estimator
 
 
-def read_outcome(path: Path, code: str = "en") -> dict[str, Any]:
+def read_outcome(path: Path, code: str = "en") -> Fields:
     """Return the view of a result: verdict, numbers, warnings as HTML, and charts as JSON."""
     speak = language(code)
     fitted = Result.load(path)  # warnings and findings count in its own u, as their sentences do
     result = raised_to_measured(fitted)
     drawn = figures.sensitivity(result), from_reference(result), figures.deviation(result)
-    fitting, remaining = _fitting(_named(speak, *drawn), MAX_CHART_BYTES)
-    training, remaining = _fitting(_named(speak, figures.training(result)), remaining)
-    signals, remaining = _fitting(_charts(speak, figures.signals(result)), remaining)
+    curves, remaining = fitting(charts(speak, *drawn), MAX_CHART_BYTES)
+    training, remaining = fitting(charts(speak, figures.training(result)), remaining)
+    signals, remaining = fitting(charts(speak, figures.signals(result)), remaining)
     return {
         "verdict": fragment(speak, document.verdict(result), *_scatter_only(result, speak)),
         "pdf": (certificate.title(result), file_name(result, "pdf")),
@@ -134,7 +131,7 @@ def read_outcome(path: Path, code: str = "en") -> dict[str, Any]:
             speak, tables.parameters(result), *map(Sentence, describe_raised(result))
         ),
         "warnings": fragment(speak, *describe_findings(fitted, page_word(speak=speak))),
-        "charts": fitting,
+        "charts": curves,
         "found": training,
         "signals": signals,
         "left_out": remaining < 0,
@@ -168,34 +165,6 @@ def _scatter_only(result: Result, speak: Language) -> tuple[Sentence, ...]:
     )
 
 
-def _named(speak: Language, *drawn: Figure | None) -> list[tuple[str, Any]]:
-    figures = [figure for figure in drawn if figure is not None]
-    return [
-        (speak(figure.title), chart) for figure in figures for _, chart in _charts(speak, figure)
-    ]
-
-
-def _charts(speak: Language, figure: Figure | None) -> list[tuple[str, Any]]:
-    return [] if figure is None else charts(speak, figure)
-
-
-def _fitting(
-    drawn: Sequence[tuple[str, Any]], max_bytes: int
-) -> tuple[list[tuple[str, bytes, int]], int]:
-    """Return the charts that fit the limit, and the bytes left; negative if one did not fit.
-
-    Each is its title, its JSON and its height in pixels.
-    """
-    fitting = []
-    for title, figure in drawn:
-        text = _json(figure)
-        max_bytes -= len(text)
-        if max_bytes < 0:
-            break
-        fitting.append((title, text, figure["layout"]["height"]))
-    return fitting, max_bytes
-
-
 def _issued(path: Path, data: CertificateData) -> tuple[Result, Issue]:
     """Return a result with what is stated for its certificate, in the process of this task."""
     # nobody's: an uploaded template has typst fetch no packages
@@ -214,7 +183,7 @@ def write_report(
 
 
 def write_export(
-    path: Path, folder: Path, form: str, options: dict[str, Any], data: CertificateData
+    path: Path, folder: Path, form: str, options: Fields, data: CertificateData
 ) -> tuple[bytes, str]:
     """Return one file as it is, several as an archive, with its name.
 
@@ -263,64 +232,30 @@ def write_everything(
     return archive.getvalue()
 
 
-def compare_results(
-    paths: Sequence[Path], names: Sequence[str], code: str = "en"
-) -> dict[str, Any]:
+def compare_results(paths: Sequence[Path], names: Sequence[str], code: str = "en") -> Fields:
     """Compare results: a chart as JSON or none, and tables as HTML with their titles."""
     results = [Result.load(path) for path in paths]
     speak = language(code)
-    fitting, _ = _fitting(_charts(speak, comparison_figure(results, names)), MAX_CHART_BYTES)
+    drawn = charts(speak, comparison_figure(results, names))
     tables_beside = [
         (speak(title), fragment(speak, table)) for title, table in comparison_tables(results, names)
     ]
-    return {"charts": fitting, "tables": tables_beside}
+    return {"charts": fitting(drawn, MAX_CHART_BYTES)[0], "tables": tables_beside}
 
 
-def read_history(path: Path, store: str, data: CertificateData, code: str) -> dict[str, Any]:
+def history(
+    path: Path, store: str, data: CertificateData, code: str, action: str = "", by: str = ""
+) -> Fields:
     """Return what a store holds of a result's sensor: words, charts as JSON, tables as HTML.
 
-    ``data``: what the form of the certificate states beside the result; ``code``: of the
-    language.
+    Args:
+        path: of the result.
+        store: URL.
+        data: what the form of the certificate states beside the result.
+        code: of the language.
+        action: ``add`` adds the result before, ``approve`` approves its calibration, too.
+        by: who approves, unless the certificate states it.
     """
-    return _history(path, store, data, code, lambda opened, result: "")
-
-
-def add_to_history(path: Path, store: str, data: CertificateData, code: str) -> dict[str, Any]:
-    """Add the result to the store, and return the same as ``read_history``."""
-    from vibrident.lab.history.entry import add_all
-
-    def add(opened: Store, result: Result) -> str:
-        (added,) = add_all(opened, [result])
-        new = phrase("Calibration {number}.")
-        present = phrase("Calibration {number} was there already.")
-        return language(code)(new if added.new else present, number=added.number)
-
-    return _history(path, store, data, code, add)
-
-
-def approve_in_history(
-    path: Path, store: str, data: CertificateData, code: str, by: str
-) -> dict[str, Any]:
-    """Add and approve the result's calibration, and return the same as ``read_history``."""
-    from vibrident.lab.history.approval import approve
-    from vibrident.lab.history.entry import add_all
-
-    def add(opened: Store, result: Result) -> str:
-        (added,) = add_all(opened, [result])
-        name = result.certificate.get("approved_by") or by
-        approve(opened, added.number, by=name, note="" if name == by else f"entered by {by}")
-        return language(code)(phrase("Calibration {number} is approved."), number=added.number)
-
-    return _history(path, store, data, code, add)
-
-
-def _history(
-    path: Path,
-    store: str,
-    data: CertificateData,
-    code: str,
-    change: Callable[[Store, Result], str],
-) -> dict[str, Any]:
     from vibrident.lab.history import page
     from vibrident.lab.history.document import of_result
     from vibrident.lab.history.store import Store
@@ -328,31 +263,32 @@ def _history(
     result = with_statements(Result.load(path), data)
     speak = language(code)
     with Store(store) as opened:
-        before = change(opened, result)
+        words = [_change(opened, result, speak, action, by)] if action else []
         life = of_result(opened, result)
     if life is None:
-        nothing = speak("The history holds no calibration of this sensor.")
-        return {"words": f"{before} {nothing}".strip(), "charts": [], "tables": ""}
+        words.append(speak("The history holds no calibration of this sensor."))
+        return {"words": " ".join(words), "charts": [], "tables": ""}
     blocks = [block for section in page.report(life).sections for block in section.blocks]
-    drawn = [
-        (figure.title, chart)
-        for figure in blocks
-        if isinstance(figure, Figure)
-        for _, chart in _charts(speak, figure)
-    ]
-    table_html = fragment(speak, *(block for block in blocks if not isinstance(block, Figure)))
+    drawn = (block for block in blocks if isinstance(block, Figure))
     singular = "The history holds {count} calibration of this sensor."
     plural = "The history holds {count} calibrations of this sensor."
-    words = speak.count(len(life["calibrations"]), singular, plural)
+    words.append(speak.count(len(life["calibrations"]), singular, plural))
     return {
-        "words": f"{before} {words}".strip(),
-        "charts": _fitting(drawn, MAX_CHART_BYTES)[0],
-        "tables": table_html,
+        "words": " ".join(words),
+        "charts": fitting(charts(speak, *drawn), MAX_CHART_BYTES)[0],
+        "tables": fragment(speak, *(each for each in blocks if not isinstance(each, Figure))),
     }
 
 
-def _json(tree: Any) -> bytes:
-    try:
-        return json.dumps(tree, separators=(",", ":"), allow_nan=False).encode()
-    except ValueError as error:
-        raise VibridentError("NaN or infinity cannot be drawn.") from error
+def _change(opened: Store, result: Result, speak: Language, action: str, by: str) -> str:
+    """Add a result to a store, and approve it where asked for; return what was done."""
+    from vibrident.lab.history.approval import approve
+    from vibrident.lab.history.entry import add_all
+
+    (added,) = add_all(opened, [result])
+    done = "Calibration {number}." if added.new else "Calibration {number} was there already."
+    if action == "approve":
+        name = result.certificate.get("approved_by") or by
+        approve(opened, added.number, by=name, note="" if name == by else f"entered by {by}")
+        done = "Calibration {number} is approved."
+    return speak(done, number=added.number)

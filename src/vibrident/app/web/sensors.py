@@ -15,6 +15,7 @@ from vibrident.app.web.outcome import MAX_STORE_BYTES
 from vibrident.app.web.state import NamedResult
 from vibrident.app.web.user import User
 from vibrident.base.escaping import html
+from vibrident.base.fields import Fields
 from vibrident.data.io.certificate import CertificateData
 
 _MAX_WORK = 40  # results listed of this user
@@ -41,6 +42,7 @@ class SensorsStep:
             with frame.actions():
                 frame.add_button(translate("Search"), lambda: self.show(), "outline id=find-serial")
             self.errors = frame.add_error_area()
+            self.work_errors = frame.add_error_area()
             self.words = frame.hint("").props("role=status id=sensors-words")
             self.body = ui.element("div").props("id=sensors-body")
         self.section.visible = False
@@ -64,19 +66,18 @@ class SensorsStep:
             return
         self.turn += 1
         turn = self.turn
-        self.errors.clear()
-        summary: dict[str, Any] = {"count": None, "table": ""}
-        failed = False
+        summary: Fields = {"count": None, "table": ""}
+        failed = bool(store)
         if store:
             call = (register.sensors, store, serial_part, page_language().code)
-            read = await frame.run_sandboxed(user, self.errors, *call, file_bytes=MAX_STORE_BYTES)
-            failed = read is None
-            summary = read or summary
+            with frame.reporting(self.errors, user):
+                summary = await user.run_sandboxed(*call, file_bytes=MAX_STORE_BYTES)
+                failed = False
         paths = [named.path for _, named in work]
         statements = [named.stated or CertificateData() for _, named in work]
-        drafts = (
-            await frame.run_sandboxed(user, self.errors, register.drafts, paths, statements) or []
-        )
+        drafts = []
+        with frame.reporting(self.work_errors, user):
+            drafts = await user.run_sandboxed(register.drafts, paths, statements)
         if turn != self.turn or self.body.is_deleted:
             return
         folded = serial_part.strip().casefold()

@@ -13,13 +13,12 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields
 from vibrident.data.io.reader import by_ending, unknown_format
 from vibrident.data.io.record_files import natural_sort_key
 
 CALIBRATION = "calibration.toml"  # name of the calibration file that the page writes
 RESULT = "result.json"  # name of a result when it is downloaded
-# the calibration file of the last identification that began, beside the data
-_LAST_CALIBRATION = "ran.toml"
 MEGABYTE = 1_000_000
 MAX_FILES = 500
 MAX_RESULTS = 20  # most results of one page; the oldest are evicted
@@ -195,12 +194,12 @@ class PageSession:
             self._written = self._written and name != CALIBRATION
 
     @property
-    def state(self) -> dict[str, Any]:
+    def state(self) -> Fields:
         """Return what the folders do not tell: sizes, and whether the page wrote a file."""
         response_files = sorted(self._response_files)
         return {"sizes": dict(self._sizes), "written": self._written, "known": response_files}
 
-    def restore(self, state: dict[str, Any]) -> None:
+    def restore(self, state: Fields) -> None:
         """Take up a folder that was kept; a file that had not arrived whole is removed."""
         for path in self.folder.iterdir():
             if path.is_dir() and path not in (self.data, self.results):
@@ -241,15 +240,6 @@ class PageSession:
                 os.link(self.data / name, copy / name)
             except OSError:  # a file system without links
                 shutil.copyfile(self.data / name, copy / name)
-
-    def keep_last_calibration(self, name: str) -> None:
-        """Keep a copy of the calibration file with which an identification begins."""
-        shutil.copyfile(self.data / name, self.folder / _LAST_CALIBRATION)
-
-    def use_last_calibration(self, copy: Path, name: str) -> None:
-        """Put the calibration file of the last identification into a copy of the data."""
-        (copy / name).unlink(missing_ok=True)  # a hard link to the present one
-        shutil.copyfile(self.folder / _LAST_CALIBRATION, copy / name)
 
     def keep_result(self, source: Path, calibration: Path | None = None) -> tuple[Path, list[Path]]:
         """Move a result and its calibration file here; return its path and the evicted results."""

@@ -2,66 +2,62 @@
 
 from __future__ import annotations
 
-import json
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from vibrident.app.web import translated
-from vibrident.app.web.language import Language, language, phrase
+from vibrident.app.web.language import language, phrase
 from vibrident.app.web.session import refuse_outside
-from vibrident.app.workflow.made import ProgressReporter, TaskOutput
+from vibrident.app.workflow.estimators import AUTO
+from vibrident.app.workflow.made import TaskOutput
+from vibrident.base.fields import Fields, NamedTexts
+from vibrident.base.progress import ProgressReporter
 
 #: The folder of the files of a task, the archive of them, and the result that it works with.
 OUT = "files"
 ARCHIVE = "files.zip"
 RESULT_FILE = "chosen-result.json"
-_MAX_CHART_BYTES = 4_000_000
 
 
 class ProcessProgress(ProgressReporter):
-    """Passes the progress on as values: words, share done, and points of a growing chart."""
+    """Passes the progress on as values: a kind, and what ``TaskProgress.receive`` takes of it."""
 
     def __init__(self, progress: Callable[..., object]) -> None:
         self._progress = progress
-        self._words = ""
 
     def step(self, words: str) -> None:
-        """Report the name of the step that begins; its line in the chart is new."""
-        self._words = words
-        self._progress(words, -1.0, "", {})
+        """Report the name of the step that begins."""
+        self._progress("step", words)
 
     def __call__(self, iteration: int, most: int, cost: float) -> None:
-        """Report an iteration: its cost is a point of the chart."""
-        facts = {"words": self._words, "iteration": iteration, "most": most}
-        words = phrase("{words}: iteration {iteration} of at most {most}", **facts)
-        point = {self._words or "cost": [float(iteration), float(cost)]}
-        self._progress(words, iteration / most if most else -1.0, "cost", point)
+        """Report an iteration of an optimiser."""
+        self._progress("iteration", iteration, most, float(cost))
 
     def share(self, words: str, done: int, most: int) -> None:
         """Report how many parts of the work are done."""
-        self._progress(words, done / most if most else -1.0, "", {})
+        self._progress("share", words, done, most)
 
-    def estimate(self, row: Any, units: Mapping[str, str]) -> None:
+    def estimate(self, row: Any, units: NamedTexts) -> None:
         """Report a tracked sensor by its first frequency, or its first parameter."""
         name = next((name for name in row.values if units[name] == "Hz"), next(iter(row.values)))
-        point = {f"{name} / {units[name]}": [float(row.time_s), float(row.values[name])]}
-        self._progress("", -1.0, "time", point)
+        label = f"{name} / {units[name]}"
+        self._progress("estimate", label, float(row.time_s), float(row.values[name]))
 
     def note(self, words: str) -> None:
         """Report a remark."""
-        self._progress(words, -1.0, "note", {})
+        self._progress("note", words)
 
 
 def work(
     task: str,
-    options: dict[str, Any],
+    options: Fields,
     files: Sequence[str],
     code: str,
     *,
     progress: Callable[..., object],
-) -> dict[str, Any]:
+) -> Fields:
     """Do a task on the files of the folder; the files that it makes lie in ``OUT``.
 
     ``code``: of the language of what is shown.
@@ -74,168 +70,110 @@ def work(
         refuse_outside(Path(name))
     folder = Path(OUT)
     folder.mkdir(exist_ok=True)
-    output = _TASKS[task](options, files, folder, ProcessProgress(progress))
+    output = _output(task, options, files, folder, ProcessProgress(progress))
     written = [path for path in sorted(folder.rglob("*")) if path.is_file()]
     with zipfile.ZipFile(ARCHIVE, "w", zipfile.ZIP_DEFLATED) as packed:
         for path in written:
             packed.write(path, path.relative_to(folder))
     names = [str(path.relative_to(folder)) for path in written]
     results = [name for name in names if Path(name).name == "result.json"]
-    return {**_page_output(output, language(code)), "files": names, "results": results}
-
-
-def _page_output(output: TaskOutput, speak: Language) -> dict[str, Any]:
-    drawn = []
-    for figure in output.figures:
-        for title, chart in translated.charts(speak, figure):
-            text = json.dumps(chart, separators=(",", ":"), allow_nan=False).encode()
-            if len(text) < _MAX_CHART_BYTES:
-                drawn.append((title or speak(figure.title), text, chart["layout"]["height"]))
+    speak = language(code)
+    notes = (*(finding.message for finding in output.findings), *output.notes)
     return {
         "tables": translated.fragment(speak, *output.blocks),
-        "charts": drawn,
-        "notes": [
-            speak(note)
-            for note in (*(finding.message for finding in output.findings), *output.notes)
+        "charts": [
+            chart
+            for chart in translated.charts(speak, *output.figures)
+            if len(chart[1]) < translated.MAX_CHART_BYTES
         ],
+        "notes": [speak(note) for note in notes],
+        "files": names,
+        "results": results,
     }
 
 
-def _compare(
-    options: dict[str, Any], files: Sequence[str], folder: Path, progress: ProcessProgress
+def _output(
+    task: str, options: Fields, files: Sequence[str], folder: Path, progress: ProcessProgress
 ) -> TaskOutput:
-    from vibrident.app.workflow.comparison import compare
+    """Do a task; the names of its options are those of the function that does it."""
+    from vibrident.app.workflow import uses
+    from vibrident.app.workflow.folder import load_result
     from vibrident.data.io import read
 
-    output, _ = compare(
-        read(files[0]),
-        folder,
-        estimators=options.get("estimators") or (),
-        models=options.get("models") or (),
-        validate=bool(options.get("validate")),
-        progress=progress,
-    )
-    return output
+    options = dict(options)
+    # both ends are there together
+    band = (options.pop("low_hz"), options.pop("high_hz")) if "low_hz" in options else None
+    match task:
+        case "compare":
+            from vibrident.app.workflow.comparison import compare
+
+            return compare(read(files[0]), folder, progress=progress, **options)
+        case "predict":
+            progress.step(phrase("Predicting"))
+            return uses.predict(load_result(Path(RESULT_FILE)), read(files[0]), folder)
+        case "correct":
+            progress.step(phrase("Correcting"))
+            result = load_result(Path(RESULT_FILE))
+            return uses.correct(result, read(files[0]), folder, band_hz=band, **options)
+        case "track":
+            from vibrident.app.workflow.tracked import track
+
+            progress.step(phrase("Tracking"))
+            paths = Path(RESULT_FILE), Path(files[0]), folder
+            return track(*paths, progress=progress, **options)[0]
+        case "plan":
+            from vibrident.physics.simulation import one_third_octave
+            from vibrident.use.planning import plan
+
+            progress.step(phrase("Planning"))
+            options["frequencies_hz"] = band and one_third_octave(*band).tolist()
+            planned = plan(load_result(Path(RESULT_FILE)), **options)
+            uses.write_plan(planned, folder)
+            return uses.describe_plan(planned)
+        case "fleet":
+            return _fleet([f"./{file}" for file in files], folder, progress, **options)
+        case _:
+            return _identify([*map(Path, files)], folder, progress, **options)
 
 
-def _predict(
-    options: dict[str, Any], files: Sequence[str], folder: Path, progress: ProcessProgress
+def _identify(
+    files: list[Path],
+    folder: Path,
+    progress: ProcessProgress,
+    *,
+    estimator: str = AUTO,
+    discretisation: str | None = None,
+    model: str = "",
+    **options: Any,
 ) -> TaskOutput:
-    from vibrident.app.workflow.folder import load_result
-    from vibrident.app.workflow.uses import predict
-    from vibrident.data.io import read
-
-    progress.step(phrase("Predicting"))
-    return predict(load_result(Path(RESULT_FILE)), read(files[0]), folder)
-
-
-def _correct(
-    options: dict[str, Any], files: Sequence[str], folder: Path, progress: ProcessProgress
-) -> TaskOutput:
-    from vibrident.app.workflow.folder import load_result
-    from vibrident.app.workflow.uses import correct
-    from vibrident.data.io import read
-
-    progress.step(phrase("Correcting"))
-    return correct(
-        load_result(Path(RESULT_FILE)),
-        read(files[0]),
-        folder,
-        band_hz=_band(options),
-        noise=options.get("noise"),
-        track=bool(options.get("track")),
-    )
-
-
-def _track(
-    options: dict[str, Any], files: Sequence[str], folder: Path, progress: ProcessProgress
-) -> TaskOutput:
-    from vibrident.app.workflow.tracked import TrackRequest, track
-    from vibrident.use.tracking import FALSE_ALARMS_PER_DAY
-
-    progress.step(phrase("Tracking"))
-    request = TrackRequest(
-        Path(RESULT_FILE),
-        Path(files[0]),
-        folder,
-        every_s=options.get("every"),
-        false_alarms_per_day=options.get("false_alarms_per_day") or FALSE_ALARMS_PER_DAY,
-    )
-    output, _ = track(request, progress)
-    return output
-
-
-def _plan(
-    options: dict[str, Any], files: Sequence[str], folder: Path, progress: ProcessProgress
-) -> TaskOutput:
-    from vibrident.app.workflow.folder import load_result
-    from vibrident.app.workflow.uses import describe_plan, write_plan
-    from vibrident.physics.simulation import one_third_octave
-    from vibrident.use.planning import plan
-
-    progress.step(phrase("Planning"))
-    band = _band(options)
-    best_plan = plan(
-        load_result(Path(RESULT_FILE)),
-        frequencies_hz=None if band is None else one_third_octave(*band).tolist(),
-        best=options.get("best"),
-        times_as_long=options.get("times_as_long") or 1.0,
-    )
-    write_plan(best_plan, folder)
-    return describe_plan(best_plan)
-
-
-def _joint(
-    options: dict[str, Any], files: Sequence[str], folder: Path, progress: ProcessProgress
-) -> TaskOutput:
+    """Identify as the command line does; several calibrations together."""
     from vibrident.app.workflow.identification import IdentifyRequest, result_folders, run
     from vibrident.data.io import read
     from vibrident.show import methods
 
-    model = options.get("model")
-    shared = options.get("share")
-    request = IdentifyRequest(models=[model] if model else None, share=shared or None)
+    models = [model] if model else None
+    request = IdentifyRequest(estimator, {"discretisation": discretisation}, models, **options)
     request.check(len(files))
-    progress.step(phrase("Identifying together"))
+    if len(files) > 1:
+        progress.step(phrase("Identifying together"))
     results = run(request, [read(file) for file in files], progress)
-    for result, result_folder in zip(
-        results, result_folders([*map(Path, files)], folder), strict=True
-    ):
+    for result, result_folder in zip(results, result_folders(files, folder), strict=True):
         result_folder.mkdir(parents=True, exist_ok=True)
         result.save(result_folder / "result.json")
     return TaskOutput(methods.joint(results[0]) if len(results) > 1 else ())
 
 
 def _fleet(
-    options: dict[str, Any], files: Sequence[str], folder: Path, progress: ProcessProgress
+    files: list[str], folder: Path, progress: ProcessProgress, *, model: str | None = None
 ) -> TaskOutput:
     from vibrident.lab.fleet.parts import load_arrow
     from vibrident.lab.fleet.summary import overview
     from vibrident.lab.fleets import Fleet
 
     load_arrow()
-    fleet = Fleet([f"./{file}" for file in files], folder, model=options.get("model"))
-    outcome = fleet.identify(
+    outcome = Fleet(files, folder, model=model).identify(
         progress=lambda now: progress.share(
             phrase("{done} of {total} sensors", done=now.done, total=now.total), now.done, now.total
         )
     )
     return TaskOutput(overview(outcome))
-
-
-_TASKS: Mapping[
-    str, Callable[[dict[str, Any], Sequence[str], Path, ProcessProgress], TaskOutput]
-] = {
-    "compare": _compare,
-    "predict": _predict,
-    "correct": _correct,
-    "track": _track,
-    "plan": _plan,
-    "joint": _joint,
-    "fleet": _fleet,
-}
-
-
-def _band(options: Mapping[str, Any]) -> tuple[float, float] | None:
-    """Return both ends of a band, which were checked to be there together; None for neither."""
-    return None if "low_hz" not in options else (options["low_hz"], options["high_hz"])

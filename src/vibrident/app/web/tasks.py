@@ -7,6 +7,10 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from vibrident.app.web.language import phrase
+from vibrident.app.workflow.estimators import AUTO, estimators_with
+from vibrident.base.fields import Fields
+
+IDENTIFY = "identify"  # the task of a step of its own
 
 #: What a field takes: one or several names of a list, a number, a mark.
 Kind = Literal["models", "model", "estimators", "shared", "number", "whole", "flag"]
@@ -72,7 +76,7 @@ TASKS: Mapping[str, Task] = {
         phrase("The parameters over the records, and when the sensor changed."),
         ("result", "data"),
         {
-            "every": Field(phrase("Seconds between rows"), "number", 1e-6),
+            "every_s": Field(phrase("Seconds between rows"), "number", 1e-6),
             "false_alarms_per_day": Field(phrase("False alarms in a day"), "number", 1e-9),
         },
     ),
@@ -112,10 +116,32 @@ TASKS: Mapping[str, Task] = {
 
 @dataclass(frozen=True)
 class TaskRequest:
-    """A task as it was asked for."""
+    """A task as it was asked for, or an identification."""
 
     task: str
-    options: dict[str, object]
+    options: Fields
     result: str = ""  # name of the chosen result
     files: tuple[str, ...] = ()  # calibration files, in the folder of the data
     language: str = "en"  # of the tables and charts
+    content: bytes = b""  # of a single calibration file when the task began
+
+    @property
+    def command(self) -> str:
+        """Return the identification as a command for a shell in the folder of the data."""
+        (name,) = self.files
+        file = f'"{name}"' if " " in name else name
+        options = (f"--{key} {value}" for key, value in self.options.items())
+        return " ".join(("vibrident identify", file, *options))
+
+
+def identify_request(
+    calibration: str,
+    estimator: str = AUTO,
+    discretisation: str = "bandlimited",
+    uncertainty: str = "auto",
+) -> TaskRequest:
+    """Return the request of an identification, with every option that applies."""
+    step = {"discretisation": discretisation}
+    applicable = step if estimator in estimators_with("discretisation") else {}
+    options = {"estimator": estimator, **applicable, "uncertainty": uncertainty}
+    return TaskRequest(IDENTIFY, options, files=(calibration,))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import Any
 
@@ -10,12 +10,13 @@ from nicegui import ui
 
 from vibrident.app.web import frame
 from vibrident.app.web.form.entries import PLAIN
-from vibrident.app.web.language import page_language, phrase, translate, translate_count
+from vibrident.app.web.language import page_language, translate, translate_count
 from vibrident.app.web.run_step import RunStep
 from vibrident.app.web.task_run import TaskProgress
 from vibrident.app.web.tasks import TASKS, Field, Task, TaskRequest
-from vibrident.app.web.translated import charts
+from vibrident.app.web.user import User
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields, GivenFields, NamedTexts
 from vibrident.fit.registry import ESTIMATORS
 from vibrident.physics.models import ADD_ONS, CORES
 
@@ -25,36 +26,24 @@ class ToolsStep(RunStep):
 
     ids = "task-"
 
-    @property
-    def run(self) -> TaskProgress | None:
-        """Return the latest task."""
-        return self.user.task.progress
-
-    @property
-    def is_busy(self) -> bool:
-        """Return whether a task is under way."""
-        return self.user.task.busy
+    def __init__(self, user: User) -> None:
+        super().__init__(user, user.task)
 
     def build(self, on_result: Callable[..., Awaitable[Any]]) -> None:
         """Build the section, hidden until there are data or results."""
-        self.on_result = on_result
         with frame.add_step(translate("More with these data"), "more", mark="+") as self.section:
             titles = {name: translate(task.title) for name, task in TASKS.items()}
-            first = self.run.request.task if self.run else "compare"
+            first = self.run.progress.request.task if self.run.progress else "compare"
             self.task = ui.select(titles, value=first, label=translate("Task"))
             self.task.props("dense outlined stack-label").classes("w-full")
             self.task.on_value_change(lambda: self._show_options())
             self.hint = frame.hint("")
             self.fields = ui.element("div").classes("fields wide")
             self.build_controls(
-                translate("Run the task"),
-                lambda: self._start(self._make_request),
-                self.user.task.worker.cancel,
-                translate("share of the task"),
+                translate("Run the task"), translate("share of the task"), on_result
             )
             self.body = ui.element("div").props('aria-live=polite id="said"')
-        if self.run is not None:
-            self.timer.activate()
+        self.timer.activate()
         self._show_options()
         self.update()
         self.show()
@@ -69,14 +58,14 @@ class ToolsStep(RunStep):
     def _latest_name(self) -> str | None:
         """Return the name of the latest identification, else of the latest result of any origin."""
         results = self.user.results
-        names = [named.name for named in (*results, *(named for named in results if named.choices))]
+        names = [named.name for named in (*results, *(named for named in results if named.request))]
         return names[-1] if names else None
 
     def _show_options(self) -> None:
         """Build the elements for the options of the chosen task."""
         task = TASKS[self.task.value]
         self.hint.text = translate(task.hint)
-        self.option_elements: dict[str, Any] = {}
+        self.option_elements: Fields = {}
         self.result = None
         self.fields.clear()
         with self.fields:
@@ -87,7 +76,7 @@ class ToolsStep(RunStep):
             for name, field in task.fields.items():
                 self.option_elements[name] = _option_element(field)
 
-    def _make_request(self) -> TaskRequest:
+    def make_request(self) -> TaskRequest:
         """Return the task with its options; InputError where something is missing."""
         name = self.task.value
         task = TASKS[self.task.value]
@@ -117,75 +106,32 @@ class ToolsStep(RunStep):
         _require_band(task, options)
         return TaskRequest(name, options, result, files, page_language().code)
 
-    def _start(self, make_request: Callable[[], TaskRequest]) -> None:
+    def begin(self, make_request: Callable[[], TaskRequest]) -> None:
         """Begin a task, and remove what the one before it made."""
-
-        def start() -> None:
+        if not self.run.busy:
             self.body.clear()
-            request = make_request()
-            self.user.write_form()
-            self.user.task.start(request)
+        super().begin(make_request)
 
-        self.begin(start)
+    def subject(self, request: TaskRequest) -> str:
+        """Return the title of the task."""
+        return translate(TASKS[request.task].title)
 
-    def draw(self, run: TaskProgress) -> None:
-        """Draw costs over iterations, or a parameter over time."""
-        if not run.over and self.chart.grows_to(sum(map(len, run.lines.values()))):
-            self.chart.show(live_chart(run.lines, run.across))
-
-    async def finish(self, run: TaskProgress) -> None:
-        """Show what a task made, or why it failed."""
-        self.chart.forget()
-        if run.error is not None:
-            title = translate(TASKS[run.request.task].title)
-            self.report_failure(run.error, title, lambda: self._start(lambda: run.request))
-        if run.output is not None:
-            with self.body:
-                self._show_output(run, run.output)
-        if run.kept_results:
-            run.kept_results = 0
-            await self.on_result(go=False)
-
-    def _show_output(self, run: TaskProgress, output: dict[str, Any]) -> None:
-        for note in (*run.notes, *output["notes"]):
-            ui.label(translate(note)).classes("doubt")
-        # escaped in the process
-        ui.html(output["tables"], sanitize=False).classes("scroll")
-        for heading, chart, height in output["charts"]:
-            frame.heading(heading)
-            frame.ChartView(chart, height)
-        if run.archive is not None:
-            download = partial(ui.download.file, run.archive, f"{run.request.task}.zip")
-            count = len(output["files"])
-            label = translate_count(count, "The file (zip)", "All {count} files (zip)")
-            frame.add_button(label, lambda: download(), "outline id=get-all")
-
-
-def live_chart(lines: dict[str, list[list[float]]], across: str) -> dict[str, Any]:
-    """Return the chart of a task under way: costs over iterations, or a parameter over time."""
-    import numpy as np
-
-    from vibrident.show import axes
-    from vibrident.show.views import LINES, Figure, Panel, Series, Stack
-
-    named = {name: np.array(points, dtype=float) for name, points in lines.items() if points}
-    series = tuple(
-        Series(points[:, 0], points[:, 1], name, LINES[number % len(LINES)])
-        for number, (name, points) in enumerate(named.items())
-    )
-    x = np.concatenate([np.zeros(0), *(line.x for line in series)])
-    y = np.concatenate([np.zeros(0), *(line.y for line in series)])
-    if across == "cost":
-        x_axis = axes.linear(
-            phrase("Iteration"), np.append(x, [0.0, 2.0]), whole_numbers=True, most=8
-        )
-        y_axis = axes.size(phrase("Cost"), y)
-    else:
-        x_axis = axes.linear(phrase("Time in s"), x)
-        y_axis = axes.linear("", y)
-    panel = Panel(x_axis, y_axis, series, 1.1)
-    ((_, chart),) = charts(page_language(), Figure("live", "", (Stack((panel,)),)))
-    return chart
+    def show_output(self, run: TaskProgress) -> None:
+        """Show remarks, tables, charts and the button that downloads the files."""
+        output = run.output or {}
+        with self.body:
+            for note in (*run.notes, *output["notes"]):
+                ui.label(translate(note)).classes("doubt")
+            # escaped in the process
+            ui.html(output["tables"], sanitize=False).classes("scroll")
+            for heading, chart, height in output["charts"]:
+                frame.heading(heading)
+                frame.ChartView(chart, height)
+            if run.archive is not None:
+                download = partial(ui.download.file, run.archive, f"{run.request.task}.zip")
+                count = len(output["files"])
+                label = translate_count(count, "The file (zip)", "All {count} files (zip)")
+                frame.add_button(label, lambda: download(), "outline id=get-all")
 
 
 def _option_element(field: Field) -> Any:
@@ -224,7 +170,7 @@ def shared_parameters() -> dict[str, str]:
     """Return the parameters that calibrations may share."""
     from vibrident.physics.naming import in_words
 
-    labels: dict[str, str] = {}
+    labels: NamedTexts = {}
     for kind in (*CORES.values(), *ADD_ONS.values()):
         for parameter in kind.parameters:
             labels[parameter.name] = translate(in_words(parameter.name))
@@ -245,7 +191,7 @@ def _number(field: Field, value: float) -> float | int:
     return int(value) if is_whole else float(value)
 
 
-def _require_band(task: Task, options: Mapping[str, Any]) -> None:
+def _require_band(task: Task, options: GivenFields) -> None:
     """Refuse one end of a band without the other, or the higher one first."""
     low = options.get("low_hz")
     high = options.get("high_hz")

@@ -11,19 +11,16 @@ from typing import Any
 
 from vibrident.app.web.form.description import calibration_text
 from vibrident.app.web.language import phrase
-from vibrident.app.web.sandboxed import model_and_estimator
-from vibrident.app.web.session import RESULT, PageSession
+from vibrident.app.web.session import PageSession
 from vibrident.app.web.state import (
-    Choices,
     ConfirmedCalibration,
     Form,
-    Job,
     NamedResult,
     read_state,
     write_state,
 )
 from vibrident.app.web.task_run import TaskRun
-from vibrident.app.web.worker import StoppedError, Worker, identify
+from vibrident.app.web.tasks import TaskRequest
 from vibrident.base.errors import InputError
 
 
@@ -36,18 +33,15 @@ class User:
         self.tab = tab
         self.run_sandboxed = users.run_sandboxed
         self.session = PageSession(users.folder, users.limit_mb, users.make_room, folder_name)
-        self.task = TaskRun(self)
-        self.worker = Worker()
+        self.fit = TaskRun(self, "the identification")
+        self.task = TaskRun(self, "the task")
         self.results: list[NamedResult] = []
         self.form: Form | None = None
         self.confirmed: ConfirmedCalibration | None = None
         self.profile = ""  # of the laboratory, by name; empty for none
-        self.job: Job | None = None
         self.notice = ""
         self.client: Any = None
         self.seen = time.time()
-        self.running: Choices | None = None  # under way, or broken off and not repeated
-        self.stopped: InputError | None = None  # why it was broken off
 
     @classmethod
     def restored(cls, users: Any, folder: Path) -> User | None:
@@ -65,15 +59,8 @@ class User:
             user.results = [named for named in state["results"] if named.path.exists()]
             if user.form is not None:
                 user.form.touched = set(user.form.touched)
-            if state["running"] is not None:
-                user.running = state["running"]
-                user.stopped = (
-                    StoppedError(**state["stopped"])
-                    if state["stopped"]
-                    else _stopped_error("the identification")
-                )
-                user.job = Job("", over=True, error=user.stopped, choices=user.running)
-            user.task.restore(state["task"], _stopped_error("the task"))
+            for name in ("fit", "task"):
+                getattr(user, name).restore(state[name])
         except (KeyError, TypeError, ValueError, AttributeError, OSError):
             return None
         return user
@@ -89,14 +76,14 @@ class User:
             guess = replace(form.guess, chart=b"")
             touched: Any = sorted(form.touched)
             form = replace(form, guess=guess, touched=touched)
-        fields = ("owner", "tab", "seen", "confirmed", "profile", "results", "running")
+        fields = ("owner", "tab", "seen", "confirmed", "profile", "results")
         state = {
             **{name: getattr(self, name) for name in fields},
             "session": self.session.state,
             "form": form,
+            "fit": self.fit.state,
+            "task": self.task.state,
         }
-        state["task"] = self.task.state
-        state["stopped"] = dict(vars(self.stopped)) if self.stopped else None
         write_state(self.session.folder, state)
 
     @property
@@ -106,13 +93,13 @@ class User:
 
     @property
     def busy(self) -> bool:
-        """Return whether an identification is under way."""
-        return self.job is not None and not self.job.over
+        """Return whether an identification or a task is under way."""
+        return self.fit.busy or self.task.busy
 
     @property
     def empty(self) -> bool:
         """Return whether there is nothing to lose."""
-        return not (self.session.names or self.results or self.busy or self.task.busy)
+        return not (self.session.names or self.results or self.busy)
 
     @property
     def applicable_form(self) -> Form | None:
@@ -154,64 +141,12 @@ class User:
                 calibration_text(self.form.description, self.session.files)
             )
 
-    def start(self, choices: Choices, *, again: bool = False) -> None:
-        """Begin to identify with a copy of the data, if the account may.
-
-        The outcome is in ``job`` and ``results``. ``again``: with the calibration file of the last
-        identification, whatever the form says since.
-        """
-        self.require("identify", "identify")
-        if not again:
-            self.session.keep_last_calibration(choices.calibration)
-        self.job = Job(choices=choices)
-        self.running = choices
-        self.stopped = None
-        self.changed()
-        self._task = asyncio.get_running_loop().create_task(self._identify(self.job, choices))
-
-    async def _identify(self, job: Job, choices: Choices) -> None:
-        try:
-            async with self.session.new_folder("run") as copy:
-                new_result = copy / f"new-{RESULT}"
-                await asyncio.to_thread(self.session.copy_to, copy)
-                self.session.use_last_calibration(copy, choices.calibration)
-                if self.users.identifying.locked():
-                    job.words = phrase("Waiting for other identifications …")
-                async with self.users.identifying:
-                    job.words = Job.BEGINNING
-                    task = (identify, choices.calibration, choices.options, new_result)
-                    await self.worker.run(*task, folder=copy, progress=job.add)
-                job.words = phrase("Reading the result …")
-                model, estimator = await self.run_sandboxed(model_and_estimator, new_result)
-                await self.note("identified", new_result, model=model, estimator=estimator)
-                prefixes = [named.name.partition(":")[0] for named in self.results]
-                number = (
-                    max((int(number) for number in prefixes if number.isdecimal()), default=0) + 1
-                )
-                self.keep_result(
-                    f"{number}: {model}, {estimator}",
-                    new_result,
-                    copy / choices.calibration,
-                    choices,
-                )
-                job.words = Job.DONE
-        except asyncio.CancelledError:
-            job.words = phrase("Cancelled.")
-        except Exception as error:
-            job.words = ""
-            job.error = error
-        finally:
-            self.stopped = job.error if isinstance(job.error, StoppedError) else None
-            job.over = True
-            self.running = choices if self.stopped else None
-            self.changed()
-
     def keep_result(
         self,
         name: str,
         source: Path,
         calibration: Path | None = None,
-        choices: Choices | None = None,
+        request: TaskRequest | None = None,
     ) -> None:
         """Keep a result under a free name; evict the oldest beyond the limit."""
         path, evicted = self.session.keep_result(source, calibration)
@@ -220,7 +155,7 @@ class User:
         free = next(
             candidate for candidate in (name, *alternatives) if candidate not in names_in_use
         )
-        self.results.append(NamedResult(free, path, choices))
+        self.results.append(NamedResult(free, path, request))
         lost = [named.name for named in self.results if named.path in evicted]
         self.results = [named for named in self.results if named.path not in evicted]
         if lost:
@@ -228,22 +163,17 @@ class User:
             self.notice = phrase("Too many results; removed: {names}.", names=names)
         self.changed()
 
+    def cancel(self) -> None:
+        """End running processes."""
+        self.fit.worker.cancel()
+        self.task.worker.cancel()
+
     def close(self) -> None:
         """End running processes, remove the files."""
-        self.worker.cancel()
-        self.task.worker.cancel()
+        self.cancel()
         self.session.close()
         self.users.to_write.discard(self)
         self.results = []
         self.form = None
         self.confirmed = None
         self.notice = ""
-
-
-def _stopped_error(during: str) -> StoppedError:
-    return StoppedError(
-        f"The server was stopped during {during}.",
-        expected="a computation that runs to its end",
-        found="a server that was started again",
-        remedy="repeat it; the data and the form are here",
-    )

@@ -99,8 +99,7 @@ class Users:
         for user in self.members:
             if self.keep_s:
                 user.write()  # before the running identification ends: the next server tells of it
-                user.worker.cancel()
-                user.task.worker.cancel()
+                user.cancel()
             else:
                 user.close()
         self.members.clear()
@@ -192,15 +191,13 @@ class Users:
         """Remove users who did not return."""
         now = time.time()
         for user in list(self.members):
-            if user.connected or user.busy or user.task.busy:
+            if user.connected or user.busy:
                 user.seen = now
             elif now - user.seen > (_ROUND_S if user.empty else self.keep_s or KEPT_S):
                 self._drop(user)
 
     def _drop_oldest(self) -> bool:
-        gone = [
-            user for user in self.members if not (user.connected or user.busy or user.task.busy)
-        ]
+        gone = [user for user in self.members if not (user.connected or user.busy)]
         if gone:
             self._drop(min(gone, key=lambda user: user.seen))
         return bool(gone)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 from vibrident.app.web.language import phrase, translate
 from vibrident.app.web.tasks import TASKS
 from vibrident.base import memory
+from vibrident.base.fields import NamedTexts
 from vibrident.base.settings import Word, plain
 from vibrident.export.form import OPTIONS
 
 #: Setting → label of its field.
-LABELS: Mapping[str, str] = {
+LABELS: NamedTexts = {
     "identify.model": phrase("Model"),
     "identify.estimator": phrase("Estimator"),
     "identify.discretisation": phrase("Discretisation"),
@@ -30,7 +31,7 @@ _COMMANDS = {
 _ELSEWHERE = "(in Python or on the command line)"
 
 
-def page_word(labels: Mapping[str, str] = LABELS, speak: Callable[[str], str] = translate) -> Word:
+def page_word(labels: NamedTexts = LABELS, speak: Callable[[str], str] = translate) -> Word:
     """Return the words of a form with these labels, by setting or by option.
 
     ``speak``: says a label in the language of the form; by default that of the page being served.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -75,20 +75,6 @@ class Worker:
         finally:
             self._process = None
             process.end()
-
-
-def identify(
-    calibration: str, options: Mapping[str, str], result: Path, *, progress: Callable[..., None]
-) -> None:
-    """Identify as the command line does; ``progress`` gets iteration, maximum and cost."""
-    from vibrident.app.workflow.identification import IdentifyRequest, run
-    from vibrident.data.io import read
-
-    settings = {"discretisation": options.get("discretisation")}
-    request = IdentifyRequest(options["estimator"], settings, uncertainty=options["uncertainty"])
-    request.check()
-    (identified,) = run(request, [read(calibration)], progress)
-    identified.save(result)
 
 
 def simulate_demo() -> None:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.app.workflow.folder import write_json
-from vibrident.app.workflow.made import SILENT, ProgressReporter, TaskOutput
+from vibrident.app.workflow.made import TaskOutput
+from vibrident.base.fields import NamedNumbers
+from vibrident.base.progress import SILENT, ProgressReporter
 
 if TYPE_CHECKING:
     from vibrident.data.records import Calibration
-    from vibrident.result import Result
     from vibrident.use.methods import Comparison
 
 
@@ -23,10 +24,10 @@ def compare(
     models: Sequence[str] = (),
     discretisations: Sequence[str] = (),
     validate: bool = False,
-    truth: Mapping[str, float] | None = None,
+    truth: NamedNumbers | None = None,
     progress: ProgressReporter = SILENT,
-) -> tuple[TaskOutput, dict[str, Result]]:
-    """Compare methods as :func:`vibrident.compare` does; return output, and results by name.
+) -> TaskOutput:
+    """Compare methods as :func:`vibrident.compare` does.
 
     ``folder``: for comparison.json and each result; ``progress``: gets the progress.
     """
@@ -39,11 +40,11 @@ def compare(
         discretisations=discretisations,
         cross_validation=validate,
         truth=truth,
-        listener=progress,
+        progress=progress,
     )
     for name, result in comparison.results.items():
         result.save(folder / f"{name.replace(' ', '-').replace('+', '-')}.json")
-    return write_comparison(comparison, folder), dict(comparison.results)
+    return write_comparison(comparison, folder)
 
 
 def write_comparison(comparison: Comparison, folder: Path) -> TaskOutput:

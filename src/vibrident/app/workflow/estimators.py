@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from vibrident.base.errors import InputError, unknown
+from vibrident.base.fields import Fields, GivenFields
 from vibrident.fit.registry import AUTO, ESTIMATORS
 
 if TYPE_CHECKING:
@@ -30,11 +31,11 @@ def estimators_with(setting: str, names: Iterable[str] | None = None) -> tuple[s
     return tuple(name for name in candidates if setting in ESTIMATORS[name].settings)
 
 
-def _without_none(settings: Mapping[str, Any]) -> dict[str, Any]:
+def _without_none(settings: GivenFields) -> Fields:
     return {name: value for name, value in settings.items() if value is not None}
 
 
-def check_settings(name: str, settings: Mapping[str, Any], *, weights: bool = False) -> None:
+def check_settings(name: str, settings: GivenFields, *, weights: bool = False) -> None:
     """Refuse settings that do not fit the estimator; None is not given.
 
     ``weights``: whether a network's weights are requested. Without settings, nothing is loaded.
@@ -62,7 +63,7 @@ def check_settings(name: str, settings: Mapping[str, Any], *, weights: bool = Fa
         raise misfit_error(_option("weights"), _estimators(networks), _estimators([name]))
 
 
-def estimator(name: str, settings: Mapping[str, Any]) -> str | Estimator:
+def estimator(name: str, settings: GivenFields) -> str | Estimator:
     """Return the argument of ``identify``: a name, or the estimator with the given settings."""
     given_settings = _without_none(settings)
     return ESTIMATORS[name].configured(**given_settings) if given_settings else name

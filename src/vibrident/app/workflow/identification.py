@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.app.workflow.estimators import AUTO, check_settings, estimator
 from vibrident.base.errors import InputError
+from vibrident.base.fields import GivenFields
 
 if TYPE_CHECKING:
     from vibrident.data.io.long_records import LongRecords
@@ -23,7 +24,7 @@ class IdentifyRequest:
 
     estimator: str = AUTO  # its name, or ``auto``
     # setting of the estimator → its value, None where it is not given
-    settings: Mapping[str, Any] = field(default_factory=dict)
+    settings: GivenFields = field(default_factory=dict)
     # name of the sensor model: one for all calibrations, or one each; None: the calibrations' own
     models: Sequence[str] | None = None
     uncertainty: Any = "auto"  # what the uncertainties cover

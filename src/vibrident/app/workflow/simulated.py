@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.app.workflow.folder import write_json
+from vibrident.base.fields import NamedNumbers
 
 if TYPE_CHECKING:
     from vibrident.data.records import Calibration
@@ -40,7 +41,7 @@ def write(folder: Path, sensor: str, excitation: str, *, seed: int, **settings: 
     write_truth(folder / "truth.json", true_sensor, calibration, seed)
 
 
-def true_values(sensor: Sensor) -> dict[str, float]:
+def true_values(sensor: Sensor) -> NamedNumbers:
     """Return name to true value of every estimated and derived parameter."""
     from vibrident.physics.models import parse
 

@@ -2,129 +2,110 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.app.workflow.folder import load_result
-from vibrident.app.workflow.made import SILENT, ProgressReporter, TaskOutput
+from vibrident.app.workflow.made import TaskOutput
 from vibrident.app.workflow.tracking import RECORDS, TrackingFiles
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields, NamedNumbers, NamedTexts
+from vibrident.base.progress import SILENT, ProgressReporter
 from vibrident.show.rows import table_of
 from vibrident.show.views import Sentence
 from vibrident.use.tracking import DRIFT_PER_YEAR, EVERY_S, FALSE_ALARMS_PER_DAY
 
 if TYPE_CHECKING:
     from vibrident.data.io.calibration_file import CalibrationFile
-    from vibrident.data.records import Calibration
     from vibrident.data.sources.source import Chunk
     from vibrident.result import Result
     from vibrident.use.tracking.session import TrackingSession
 
 
-@dataclass(frozen=True)
-class TrackRequest:
-    """Choices of a tracking session."""
-
-    result: Path
-    calibration: Path
-    folder: Path
-    source: str = RECORDS
-    address: str = ""  # of the source
-    idle_s: float | None = None  # without samples after which a stream ends; None to wait
-    every_s: float | None = None  # between rows; None for a hundredth of the records
-    false_alarms_per_day: float = FALSE_ALARMS_PER_DAY
-    store: str | None = None  # history by whose random walk u grows
-
-
 def track(
-    request: TrackRequest, progress: ProgressReporter = SILENT
+    result: Path,
+    calibration: Path,
+    folder: Path,
+    *,
+    source: str = RECORDS,
+    address: str = "",
+    idle_s: float | None = None,
+    every_s: float | None = None,
+    false_alarms_per_day: float = FALSE_ALARMS_PER_DAY,
+    store: str | None = None,
+    progress: ProgressReporter = SILENT,
 ) -> tuple[TaskOutput, list[Path]]:
     """Track a sensor; return the output, and the written files.
 
     These are track.csv, track.json and result.json.
 
+    Args:
+        result: of an identification.
+        calibration: its file.
+        folder: of the files written.
+        source: of the samples, by name.
+        address: of the source.
+        idle_s: without samples after which a stream ends; None to wait.
+        every_s: between rows; None for a hundredth of the records.
+        false_alarms_per_day: expected of noise alone.
+        store: history by whose random walk u grows.
+        progress: gets the progress.
+
     Raises:
         InputError: no sampling rate is stated, or the samples are in another unit.
     """
+    from vibrident.data.io import read_guarded
     from vibrident.data.io.calibration_file import read_calibration_file
+    from vibrident.data.known import refuse_known
     from vibrident.data.registry import SOURCES
-    from vibrident.data.sources.kinds.calibration_records import chunks_of
     from vibrident.data.sources.source import SourceRequest
-    from vibrident.use.tracking.following import interval_of_records
-    from vibrident.use.tracking.known import known_effects
     from vibrident.use.tracking.outcome import tracked_result
     from vibrident.use.tracking.session import TrackingSession
     from vibrident.use.tracking.state import TrackerSettings
 
-    calibrated = load_result(request.result)
-    folder = request.folder
-    described = read_calibration_file(request.calibration)
-    kind = SOURCES[request.source]
-    data = _read_records(request, described, calibrated)
-    rate_hz = _sampling_rate_hz(request, described, data)
-    length_s = 0.0 if data is None else sum(record.duration_s for record in data.records)
-    settings = TrackerSettings(
-        request.false_alarms_per_day,
-        _walks(request.store, calibrated, progress),
-        described.reference.standard_uncertainty,
-    )
-    every_s = request.every_s or (interval_of_records(rate_hz, length_s) if length_s else EVERY_S)
-    session = TrackingSession.from_result(
-        calibrated, rate_hz, described.reference.quantity, every_s, settings
-    )
-    if data is not None:
-        effects = known_effects(data, calibrated.to_sensor())
-        session.effects = replace(session.effects, channel_effects=effects)
+    calibrated = load_result(result)
+    described = read_calibration_file(calibration)
+    kind = SOURCES[source]
+    walks = _walks(store, calibrated, progress)
+    reference_u = described.reference.standard_uncertainty
+    settings = TrackerSettings(false_alarms_per_day, walks, reference_u)
+    rate_hz = length_s = 0.0
+    chunks: Iterator[Chunk] = iter(())
+    if source == RECORDS:
+        data = read_guarded(calibration)
+        length_s = sum(record.duration_s for record in data.records)
+        session, chunks = TrackingSession.from_records(calibrated, data, settings, every_s)
+    else:
+        channels = ("reference", "response")
+        by_channel = {name: getattr(described, name).known_response for name in channels}
+        refuse_known(by_channel, "Tracking of samples as they come", str(calibration))
+        rate_hz = _sampling_rate_hz(described, calibration)
+        quantity = described.reference.quantity
+        session = TrackingSession.from_result(
+            calibrated, rate_hz, quantity, every_s or EVERY_S, settings
+        )
     key = {
         "result": calibrated.to_json(),
-        "file": request.calibration.read_text(encoding="utf-8"),
-        "source": [request.source, request.address],
+        "file": calibration.read_text(encoding="utf-8"),
+        "source": [source, address],
         "settings": vars(settings),
-        "every": every_s,
+        "every": session.every,
     }
     files = TrackingFiles(folder, session, key)
     position = files.begin(resumable=kind.resumable)
-    source_request = SourceRequest(
-        described, request.calibration, rate_hz, request.address, position, request.idle_s
-    )
     with files.rows:
-        if data is not None and data.known_responses:
-            chunks = chunks_of(data)
-        else:
-            chunks = kind.open(source_request)
+        if source != RECORDS:
+            request = SourceRequest(described, calibration, rate_hz, address, position, idle_s)
+            chunks = kind.open(request)
         _run(chunks, session, files, progress, resumable=kind.resumable, length_s=length_s)
         document = files.end()
-    result = tracked_result(calibrated, session).save(folder / "result.json")
-    written = [folder / "track.csv", folder / "track.json", result]
+    saved = tracked_result(calibrated, session).save(folder / "result.json")
+    written = [folder / "track.csv", folder / "track.json", saved]
     return _describe(document, folder, dict(calibrated.sensor)), written
 
 
-def _read_records(
-    request: TrackRequest, described: CalibrationFile, calibrated: Result
-) -> Calibration | None:
-    """Return the records without known responses; None where samples come from elsewhere."""
-    from vibrident.data.io import read_guarded
-    from vibrident.data.known import refuse_known
-    from vibrident.use.tracking.known import without_known
-
-    if request.source == RECORDS:
-        data = read_guarded(request.calibration)
-        unit = calibrated.response_unit
-        data.require_response(unit, "A table has no samples to track a sensor by.")
-        return without_known(data)
-    channels = ("reference", "response")
-    by_channel = {name: getattr(described, name).known_response for name in channels}
-    refuse_known(by_channel, "Tracking of samples as they come", str(request.calibration))
-    return None
-
-
-def _sampling_rate_hz(
-    request: TrackRequest, described: CalibrationFile, data: Calibration | None
-) -> float:
-    if data is not None:
-        return data.records[0].sampling_rate_hz
+def _sampling_rate_hz(described: CalibrationFile, calibration: Path) -> float:
     for entry in (described.sampling, *described.records):
         if entry.rate_hz:
             return entry.rate_hz
@@ -132,14 +113,12 @@ def _sampling_rate_hz(
         "The sampling rate is not given.",
         expected="rate_hz under [sampling], or under [[records]] beside a time_column",
         found="none",
-        where=str(request.calibration),
+        where=str(calibration),
         remedy="add rate_hz = … (samples per second)",
     )
 
 
-def parameter_rows(
-    values: Mapping[str, float], u: Mapping[str, float], units: Mapping[str, str]
-) -> list[dict[str, Any]]:
+def parameter_rows(values: NamedNumbers, u: NamedNumbers, units: NamedTexts) -> list[Fields]:
     """Return parameters by name, to the second digit of u."""
     from vibrident.show.numbers import pair
 
@@ -209,7 +188,7 @@ def _run(
             )
 
 
-def _describe(document: dict[str, Any], folder: Path, sensor: dict[str, object]) -> TaskOutput:
+def _describe(document: Fields, folder: Path, sensor: dict[str, object]) -> TaskOutput:
     """Return the sensor at the end, the alarms, and the chart of track.csv."""
     from pandas import read_csv
 

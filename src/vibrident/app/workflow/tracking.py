@@ -10,12 +10,13 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from vibrident.app.workflow.folder import write_json
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields, GivenFields
 from vibrident.base.files import atomic_write, unwritable
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ RECORDS = "calibration-records"  # the source where none is given
 class TrackingFiles:
     """``track.csv``, ``track.json`` and the checkpoint of the session that ``key`` identifies."""
 
-    def __init__(self, folder: Path, session: TrackingSession, key: Mapping[str, Any]) -> None:
+    def __init__(self, folder: Path, session: TrackingSession, key: GivenFields) -> None:
         self._folder = folder
         self._session = session
         self._key = hashlib.sha256(
@@ -111,7 +112,7 @@ class TrackingFiles:
         with atomic_write(self._folder / CHECKPOINT) as partial:
             partial.write_bytes(json.dumps(head).encode() + b"\n" + session.tracker.state.save())
 
-    def end(self) -> dict[str, Any]:
+    def end(self) -> Fields:
         """Write the last row and ``track.json``; return the content of the latter."""
         self.write(self._session.finish())
         self.rows.close()

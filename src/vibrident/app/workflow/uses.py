@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from vibrident.app.workflow.folder import write_json, write_samples
 from vibrident.app.workflow.made import TaskOutput
+from vibrident.base.fields import Fields
 from vibrident.show.rows import table_of
 from vibrident.show.views import Sentence
 
@@ -90,7 +91,7 @@ def correct(
     )
 
 
-def _corrected(document: dict[str, Any]) -> list[dict[str, Any]]:
+def _corrected(document: Fields) -> list[Fields]:
     """Return a row a record: band, peak with its interval, and rmse from a reference."""
     from vibrident.base.amounts import pretty
 
@@ -113,7 +114,7 @@ def _corrected(document: dict[str, Any]) -> list[dict[str, Any]]:
     return rows
 
 
-def _peak(peak: dict[str, Any]) -> tuple[float, str, str]:
+def _peak(peak: Fields) -> tuple[float, str, str]:
     """Return the value of a peak, both ends of its interval, and u over the value.
 
     The ends have the second digit of u.

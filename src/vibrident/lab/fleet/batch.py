@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vibrident.base.errors import InputError
+from vibrident.base.fields import NamedTexts
 from vibrident.base.process import Limits, Process, ProcessDied, WorkerError
 from vibrident.base.version import __version__
 from vibrident.lab.fleet import key as keys
@@ -138,7 +139,7 @@ class Done:
     statuses: dict[str, int]  # number of rows by status
     seconds: float  # duration of the batch
     # former key → key now, of calibrations whose files changed meanwhile
-    moved: dict[str, str]
+    moved: NamedTexts
 
 
 def fingerprints(paths: Sequence[str], orders: Orders) -> list[Fingerprint]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vibrident.base.amounts import scaled
+from vibrident.data.records import FloatArray
 from vibrident.lab.fleet.limits import Limit
 from vibrident.lab.fleet.statistics import Distribution, Histogram
 from vibrident.physics.naming import parameter_name
@@ -27,7 +27,7 @@ def distribution(each: Distribution) -> Figure:
     return histogram(each.histogram, label, scale.factor, each.limit)
 
 
-def over_time(seconds: NDArray[np.float64], label: str) -> Figure:
+def over_time(seconds: FloatArray, label: str) -> Figure:
     """Return a histogram of the calibrations finished over time.
 
     ``seconds``: since the beginning, shape (calibrations,).

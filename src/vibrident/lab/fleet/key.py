@@ -9,9 +9,9 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields, NamedTexts
 from vibrident.data.io.calibration_file import CalibrationFile, read_calibration_file
 from vibrident.data.io.known_files import known_files
 from vibrident.data.io.reader import sha256
@@ -59,7 +59,7 @@ def fingerprint(path: str, orders: Orders) -> Fingerprint:
     return Fingerprint(_key(file, names, orders), _shape(document, file.parent, names))
 
 
-def sensor_text(path: str) -> dict[str, str]:
+def sensor_text(path: str) -> NamedTexts:
     """Return the sensor section of a calibration file, as far as it can be read.
 
     The file may be unusable otherwise.
@@ -116,7 +116,7 @@ def _may_be_calibration(file: Path) -> bool:
     return not document or bool(document.keys() & CalibrationFile.model_fields.keys())
 
 
-def _toml(file: Path) -> dict[str, Any]:
+def _toml(file: Path) -> Fields:
     """Return the keys of a TOML file; empty if it cannot be read."""
     try:
         return read_toml(file)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from vibrident.base.errors import InputError, unknown
 from vibrident.data.io.schema_errors import validated
 from vibrident.data.io.sections import FileSection, Number, Positive
 from vibrident.data.io.toml_text import read_toml
+from vibrident.data.records import BoolArray, FloatArray
 from vibrident.physics.naming import parameter_names
 
 K = 2.0  # coverage factor of the uncertainty in a verdict
@@ -45,11 +45,11 @@ class Limit(FileSection):
         """Return the upper limit."""
         return self.nominal + self.half_width
 
-    def inside(self, values: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def inside(self, values: FloatArray) -> BoolArray:
         """Return which values are within the limits, without regard to uncertainty; same shape."""
         return np.abs(values - self.nominal) <= self.half_width
 
-    def certain(self, values: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def certain(self, values: FloatArray, u: FloatArray) -> BoolArray:
         """Return which verdicts hold for all values within U = 2 u (ISO 14253-1); same shape.
 
         None holds where u is NaN.

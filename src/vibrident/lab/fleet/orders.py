@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
+from vibrident.base.fields import Fields
 from vibrident.base.registry import installed
 from vibrident.base.version import __version__
 from vibrident.fit.registry import TAKING_PART
@@ -42,7 +42,7 @@ class Orders:
     run: str = ""  # name of this run; it distinguishes its processes from those of another run
 
     @property
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> Fields:
         """Return the settings that change the numbers of an outcome."""
         settings = {"model": self.model, "estimator": self.estimator, "uncertainty": "auto"}
         return {**settings, "version": self.version, "plug_ins": list(self.plug_ins)}

@@ -9,7 +9,7 @@ import math
 import os
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 from vibrident.base import files
 from vibrident.base.errors import InputError
 from vibrident.base.extras import library
+from vibrident.base.fields import Fields, GivenFields
+from vibrident.data.records import BoolArray
 from vibrident.lab.fleet.row import FAILED, IDENTIFIED, Row
 
 #: Columns of a part besides those of parameters; units are JSON, limits are of failed
@@ -90,7 +92,7 @@ class Index:
     keys: NDArray[np.bytes_]  # sorted, each once, as ``packed`` gives them; shape (keys,)
     part: NDArray[np.int32]  # number of the part in ``parts``; shape (keys,)
     row: NDArray[np.int32]  # number of the row in it; shape (keys,)
-    is_final: NDArray[np.bool_]  # False if the row has to be computed again; shape (keys,)
+    is_final: BoolArray  # False if the row has to be computed again; shape (keys,)
     parts: list[str]  # names of the files
     parameters: list[tuple[str, ...]]  # that each part has columns for
 
@@ -124,7 +126,7 @@ def remove_left(folder: Path) -> None:
 def as_table(rows: Sequence[Row], time_limit_s: float, memory_limit_bytes: int | None) -> Any:
     """Return rows as a table of pyarrow, with the limits that applied to them."""
     pa = arrow()
-    columns: dict[str, Any] = {
+    columns: Fields = {
         field: pa.array([text(row.get(field)) for row in rows], pa.string()) for field in _TEXTS
     }
     columns["units"] = pa.array([_units(row) for row in rows], pa.string())
@@ -216,7 +218,7 @@ def index(
 
 
 def _block(
-    values: Mapping[str, Any], part_number: int, time_limit_s: float, memory_limit_bytes: int | None
+    values: GivenFields, part_number: int, time_limit_s: float, memory_limit_bytes: int | None
 ) -> NDArray[np.void]:
     """Return the places of a part's rows, and whether each is final under the limits of this run.
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 import traceback
 from pathlib import Path
-from typing import Any
 
 from vibrident.base.errors import InputError, VibridentError
+from vibrident.base.fields import Fields, NamedTexts
 from vibrident.result import Result
 from vibrident.result.document import plain
 
@@ -19,7 +19,7 @@ FAILED = "failed"
 #: chi2_reduced, warnings, seconds as in the table, ``parameters`` being name → [value, u, unit];
 #: ``finished``: when, in seconds since 1970; ``passing``: True if the next run is to try again,
 #: because another attempt may have another outcome.
-Row = dict[str, Any]
+Row = Fields
 
 
 def identified(key: str, result: Result, seconds: float) -> Row:
@@ -40,7 +40,7 @@ def identified(key: str, result: Result, seconds: float) -> Row:
 
 
 def refused(
-    key: str, error: VibridentError, sensor: dict[str, str], model: str | None, seconds: float
+    key: str, error: VibridentError, sensor: NamedTexts, model: str | None, seconds: float
 ) -> Row:
     """Return the row of data that cannot be used, with the whole message.
 
@@ -54,7 +54,7 @@ def refused(
 
 
 def failed(
-    key: str, error: InputError, sensor: dict[str, str], model: str | None, seconds: float
+    key: str, error: InputError, sensor: NamedTexts, model: str | None, seconds: float
 ) -> Row:
     """Return the row of a calibration that was not completed."""
     return {**refused(key, error, sensor, model, seconds), "status": FAILED}
@@ -73,7 +73,7 @@ def fault(error: Exception) -> InputError:
     )
 
 
-def _row(key: str, status: str, message: str, sensor: dict[str, str], seconds: float) -> Row:
+def _row(key: str, status: str, message: str, sensor: NamedTexts, seconds: float) -> Row:
     return {
         "key": key,
         "status": status,

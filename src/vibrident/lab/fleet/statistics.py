@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vibrident.base.fields import NamedTexts
+from vibrident.data.records import BoolArray, FloatArray
 from vibrident.lab.fleet.limits import Limit, Specification
 from vibrident.lab.fleet.row import IDENTIFIED
 from vibrident.lab.fleet.table import Tally
@@ -28,7 +30,6 @@ MAX_OUTLIERS = 200  # in the list
 _LIMIT_MARGIN = 0.06  # drawn outside a limit, in units of the width between the limits
 _MIN_BINS = 8  # of a histogram
 _MAX_BINS = 48
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +169,7 @@ def statistics(table: Path, tally: Tally, specification: Specification) -> Stati
 
 
 def _group_rows(
-    columns: tuple[NDArray[np.int32], ...], identified: NDArray[np.bool_]
+    columns: tuple[NDArray[np.int32], ...], identified: BoolArray
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """Group the identified rows that agree in all columns.
 
@@ -198,7 +199,7 @@ class _LimitVerdict:
         limited: whether a limit applies to a row, shape (rows,).
     """
 
-    def __init__(self, identified: NDArray[np.bool_], group: NDArray[np.int32]) -> None:
+    def __init__(self, identified: BoolArray, group: NDArray[np.int32]) -> None:
         self._identified = identified
         self._group = group
         self._conforming = identified.copy()
@@ -215,9 +216,7 @@ class _LimitVerdict:
                 self._conforming[in_group] &= conforms
                 self._certain[in_group] &= conforms & limit.certain(values[in_group], u[in_group])
 
-    def conforming_rows(
-        self, sound: NDArray[np.bool_]
-    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    def conforming_rows(self, sound: BoolArray) -> tuple[BoolArray, BoolArray]:
         """Return the rows that conform, and those that conform for all values within U.
 
         A row without limits conforms if it is identified and sound.
@@ -238,7 +237,7 @@ def outlier_limit(count: int) -> float:
 
 
 def _limit(
-    specification: Specification, type_name: str | None, parameter: str, units: dict[str, str]
+    specification: Specification, type_name: str | None, parameter: str, units: NamedTexts
 ) -> Limit | None:
     """Return the limit of a parameter; None if there is none, or it is in another unit."""
     limit = specification.limit(type_name, parameter)
@@ -342,9 +341,9 @@ def _outliers(
 
 def _yields(
     types: _Codes,
-    identified: NDArray[np.bool_],
-    conforming: NDArray[np.bool_],
-    certain: NDArray[np.bool_],
+    identified: BoolArray,
+    conforming: BoolArray,
+    certain: BoolArray,
 ) -> list[Yield]:
     """Return the yield of each type, the one with most calibrations first."""
     numbers, index = np.unique(types.numbers, return_inverse=True)
@@ -385,14 +384,14 @@ class _Columns:
         """Return a column of numbers, NaN where there is none."""
         return np.array(self._column(name).to_numpy(zero_copy_only=False), dtype=float)
 
-    def sound(self) -> NDArray[np.bool_]:
+    def sound(self) -> BoolArray:
         """Return the rows whose model is adequate, without a warning."""
         adequate = self._column("adequate").fill_null(False)
         warnings = self._column("warnings")
         count = warnings.value_lengths().fill_null(0).to_numpy(zero_copy_only=False)
         return adequate.to_numpy(zero_copy_only=False) & (count == 0)
 
-    def is_text(self, name: str, text: str) -> NDArray[np.bool_]:
+    def is_text(self, name: str, text: str) -> BoolArray:
         """Return the rows with this text in a column."""
         codes = self.codes(name)
         is_text = np.array([*(each == text for each in codes.texts), False])

@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.base.errors import InputError
+from vibrident.base.fields import NamedTexts
 from vibrident.base.files import atomic_write
+from vibrident.data.records import FloatArray
 from vibrident.lab.fleet import parts
 from vibrident.lab.fleet.orders import Orders, memory_limit
 from vibrident.lab.fleet.row import FAILED, IDENTIFIED, REFUSED
@@ -38,7 +40,7 @@ class Tally:
     # number of its set, for each row; shape (rows,)
     units_of: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
     # end of each calibration, in seconds since 1970; shape (rows,)
-    finished: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    finished: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def add(self, block: Any) -> None:
         """Count a block of the table."""
@@ -59,7 +61,7 @@ class Tally:
         )
 
     @property
-    def units(self) -> list[dict[str, str]]:
+    def units(self) -> list[NamedTexts]:
         """Return each set of units that occurs, parameter → unit."""
         return [json.loads(units) for units in self.sets]
 

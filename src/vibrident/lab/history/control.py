@@ -16,12 +16,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.optimize import brentq
 from scipy.special import ndtr
 
-from vibrident.data.records import FloatArray
+from vibrident.data.records import BoolArray, FloatArray
 
 FALSE_ALARM = 0.01
 LIFE = 20  # comparisons over which that holds: a sensor's life, calibrated every year or two
@@ -56,7 +55,7 @@ def recursive_residuals(value: FloatArray, covariance: FloatArray) -> FloatArray
     return solve_triangular(root, change @ value, lower=True)
 
 
-def charts(residuals: FloatArray, restart: NDArray[np.bool_]) -> tuple[ControlChart, ControlChart]:
+def charts(residuals: FloatArray, restart: BoolArray) -> tuple[ControlChart, ControlChart]:
     """Return EWMA and CUSUM of residuals.
 
     Where ``restart`` is true, a new series begins, and both start again.
@@ -64,7 +63,7 @@ def charts(residuals: FloatArray, restart: NDArray[np.bool_]) -> tuple[ControlCh
     return _ewma(residuals, restart), _cusum(residuals, restart)
 
 
-def _ewma(residuals: FloatArray, restart: NDArray[np.bool_]) -> ControlChart:
+def _ewma(residuals: FloatArray, restart: BoolArray) -> ControlChart:
     factor = ewma_factor()
     level = 0.0
     count = 0
@@ -76,15 +75,10 @@ def _ewma(residuals: FloatArray, restart: NDArray[np.bool_]) -> ControlChart:
         count = count + 1
         levels.append(float(level))
         limits.append(factor * float(_ewma_deviation(count)))
-    alarm = tuple(
-        i for i, (at, limit) in enumerate(zip(levels, limits, strict=True)) if abs(at) > limit
-    )
-    return ControlChart(
-        "EWMA", tuple(levels), tuple(levels), tuple(limits), alarm, ewma_run_length(factor)
-    )
+    return _chart("EWMA", levels, levels, limits, ewma_run_length(factor))
 
 
-def _cusum(residuals: FloatArray, restart: NDArray[np.bool_]) -> ControlChart:
+def _cusum(residuals: FloatArray, restart: BoolArray) -> ControlChart:
     limit = cusum_limit()
     high = 0.0
     low = 0.0
@@ -96,17 +90,15 @@ def _cusum(residuals: FloatArray, restart: NDArray[np.bool_]) -> ControlChart:
         low = min(0.0, low + residual + CUSUM_ALLOWANCE)
         upper.append(float(high))
         lower.append(float(low))
-    alarm = tuple(
-        i for i, (a, b) in enumerate(zip(upper, lower, strict=True)) if max(a, -b) > limit
-    )
-    return ControlChart(
-        "CUSUM",
-        tuple(upper),
-        tuple(lower),
-        (limit,) * len(upper),
-        alarm,
-        cusum_run_length(limit) / 2,
-    )
+    return _chart("CUSUM", upper, lower, [limit] * len(upper), cusum_run_length(limit) / 2)
+
+
+def _chart(
+    name: str, upper: list[float], lower: list[float], limit: list[float], run_length: float
+) -> ControlChart:
+    sides = zip(upper, lower, limit, strict=True)
+    alarm = tuple(i for i, (high, low, most) in enumerate(sides) if max(high, -low) > most)
+    return ControlChart(name, tuple(upper), tuple(lower), tuple(limit), alarm, run_length)
 
 
 def _ewma_deviation(count: int) -> float:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields, NamedNumbers
 from vibrident.data.records import FloatArray
 from vibrident.lab.history import control, query, schema
 from vibrident.lab.history.drift import Mixture
@@ -36,32 +36,19 @@ class Question:
     # nominal frequency, for the sensitivity there instead of that at the reference frequency
     frequency_hz: float | None = None
     until: datetime.date | None = None  # to predict for; None for the end of the interval in force
-    tolerance: Tolerance | None = None  # of all sensors; None for no due date
+    # of each sensor; None for no due date
+    tolerance: Callable[[StoredSensor], Tolerance | None] = lambda _: None
     # in force; None for the time between the last two calibrations
     interval_years: float | None = None
     today: datetime.date | None = None  # the date that counts as today
-    # where sensors differ, the tolerance of each; None for no due date of that sensor
-    tolerances: Callable[[StoredSensor], Tolerance | None] | None = None
 
 
-def _set_tolerance(sensor: StoredSensor, question: Question) -> Question:
-    """Return the question for one sensor, with the tolerance of that sensor."""
-    return (
-        question
-        if question.tolerances is None
-        else replace(question, tolerance=question.tolerances(sensor))
-    )
-
-
-def of_sensor(
-    store: Store, sensor: StoredSensor, question: Question = Question()
-) -> dict[str, Any]:
+def of_sensor(store: Store, sensor: StoredSensor, question: Question = Question()) -> Fields:
     """Return the document of one sensor.
 
     Raises:
         InputError: no calibration of the sensor has the quantity.
     """
-    question = _set_tolerance(sensor, question)
     entries = query.entries(store, sensor.id, question.quantity, question.frequency_hz).get(
         sensor.id, []
     )
@@ -78,7 +65,7 @@ def of_sensor(
         "series": _series(history),
         "drift": _drift(history, question) if history.entries else {"why": "no calibration counts"},
         "control": _control(history),
-        "due": _due(history, question),
+        "due": _due(history, sensor, question),
     }
     return plain(document)
 
@@ -88,20 +75,18 @@ def _life(store: Store, sensor: StoredSensor, entries: Sequence[Entry]) -> Life:
     return life(entries, query.events(store, sensor.id).get(sensor.id, []))
 
 
-def of_result(store: Store, result: Result) -> dict[str, Any] | None:
+def of_result(store: Store, result: Result) -> Fields | None:
     """Return the document of the sensor of a result.
 
     None if there is no store or it holds no calibration of this sensor.
     """
-    if store.revision() is None:
-        return None
     sensor = query.stored_sensor(store, result.sensor)
     return None if sensor is None else of_sensor(store, sensor)
 
 
-def random_walks(store: Store, result: Result) -> dict[str, float]:
+def random_walks(store: Store, result: Result) -> NamedNumbers:
     """Return parameter → its relative random walk in a year, for those that the store knows."""
-    sensor = None if store.revision() is None else query.stored_sensor(store, result.sensor)
+    sensor = query.stored_sensor(store, result.sensor)
     walks = dict[str, float]()
     if sensor is None:
         return walks
@@ -131,7 +116,7 @@ def _no_such_quantity(store: Store, sensor: StoredSensor, question: Question) ->
 
 def all_due(
     store: Store, question: Question, type_name: str | None = None, sensor_id: int | None = None
-) -> list[dict[str, Any]]:
+) -> list[Fields]:
     """Return the due dates of the sensors that have the quantity, the earliest first.
 
     Args:
@@ -151,9 +136,7 @@ def all_due(
         if key not in sensors or all(entry.value is None for entry in entries):
             continue
         history = life(entries, events.get(key, []))
-        due_values = _due(history, _set_tolerance(sensors[key], question)) or _without_risk(
-            history, question
-        )
+        due_values = _due(history, sensors[key], question) or _without_risk(history, question)
         last = history.entries[-1].date if history.entries else None
         recalled = history.recalled if history.entries else ""
         facts = {"last": last, "calibrations": len(history.entries), "recalled": recalled}
@@ -161,7 +144,7 @@ def all_due(
     return sorted(rows, key=lambda row: (_first_due(row), row["serial_number"]))
 
 
-def _first_due(row: dict[str, Any]) -> str:
+def _first_due(row: Fields) -> str:
     """Return the earlier of the dates by the risk and by the interval in force.
 
     It is a late date if there is neither. A sensor that was recalled is not due.
@@ -170,7 +153,7 @@ def _first_due(row: dict[str, Any]) -> str:
     return min((date for date in dates if date), default="9999-12-32")
 
 
-def _without_risk(history: Life, question: Question) -> dict[str, Any]:
+def _without_risk(history: Life, question: Question) -> Fields:
     """Return the due date without a tolerance: that of the interval in force.
 
     There is none if no calibration counts.
@@ -187,7 +170,7 @@ def _without_risk(history: Life, question: Question) -> dict[str, Any]:
     return unknown | {"why": why, "interval_years": interval, "by_interval": by_interval}
 
 
-def _quantity(history: Life, name: str) -> dict[str, Any]:
+def _quantity(history: Life, name: str) -> Fields:
     entries = history.entries or [entry for entry, _ in history.left_out if entry.value is not None]
     present = entries[-1]
     return {
@@ -198,7 +181,7 @@ def _quantity(history: Life, name: str) -> dict[str, Any]:
     }
 
 
-def _calibrations(history: Life) -> list[dict[str, Any]]:
+def _calibrations(history: Life) -> list[Fields]:
     counted = {entry.id: i for i, entry in enumerate(history.entries)}
     reasons = {entry.id: reason for entry, reason in history.left_out}
     entries = sorted(
@@ -227,7 +210,7 @@ def _calibrations(history: Life) -> list[dict[str, Any]]:
     return rows
 
 
-def _series(history: Life) -> list[dict[str, Any]]:
+def _series(history: Life) -> list[Fields]:
     starts = [(0, "the first calibration"), *((item.index, item.why) for item in history.breaks)]
     return [
         {"series": number, "from": history.entries[index].date, "why": why}
@@ -236,7 +219,7 @@ def _series(history: Life) -> list[dict[str, Any]]:
     ]
 
 
-def _drift(history: Life, question: Question) -> dict[str, Any]:
+def _drift(history: Life, question: Question) -> Fields:
     drift = history.drift
     if drift is None:
         return {"why": history.without_drift}
@@ -278,7 +261,7 @@ def _year(history: Life, date: datetime.date) -> float:
     return years_between(history.entries[0].date, date)
 
 
-def _curve(history: Life, until: datetime.date) -> list[dict[str, Any]]:
+def _curve(history: Life, until: datetime.date) -> list[Fields]:
     """Return the prediction from the last calibration on."""
     first = history.entries[-1].date.toordinal()
     days = sorted({round(day) for day in np.linspace(first, until.toordinal(), _CURVE)})
@@ -288,13 +271,12 @@ def _curve(history: Life, until: datetime.date) -> list[dict[str, Any]]:
     ]
 
 
-def _mixture(mixture: Mixture) -> dict[str, Any]:
-    low, high = mixture.interval_95
-    u = (high - low) / 4  # as ``Mixture.u``, without the quantiles once more
-    return {"value": mixture.value, "u": u, "U": K * u, "interval_95": [low, high]}
+def _mixture(mixture: Mixture) -> Fields:
+    values = {"value": mixture.value, "u": mixture.u, "U": K * mixture.u}
+    return values | {"interval_95": mixture.interval_95}
 
 
-def _control(history: Life) -> dict[str, Any] | None:
+def _control(history: Life) -> Fields | None:
     """Return both charts over all series; each series restarts them.
 
     ``if_new``: dates of alarms where a source that no instrument identifies is new each time; None
@@ -341,33 +323,19 @@ def _residuals(history: Life, covariance: FloatArray) -> tuple[list[float], list
     return residuals, restart, indices
 
 
-def _due(history: Life, question: Question) -> dict[str, Any] | None:
-    if question.tolerance is None or not history.entries:
+def _due(history: Life, sensor: StoredSensor, question: Question) -> Fields | None:
+    tolerance = question.tolerance(sensor)
+    if tolerance is None or not history.entries:
         return None
-    dates = due(
-        history,
-        question.tolerance,
-        question.interval_years,
-        question.today or datetime.date.today(),
-    )
-    low, high = question.tolerance.limits(history)
-    return vars(dates) | {
-        "risk": RISK,
-        "limits": [low, high],
-        "tolerance": question.tolerance.relative,
-    }
+    today = question.today or datetime.date.today()
+    dates = due(history, tolerance, question.interval_years, today)
+    limits = tolerance.limits(history)
+    return vars(dates) | {"risk": RISK, "limits": limits, "tolerance": tolerance.relative}
 
 
-def listed(overviews: Sequence[query.Overview]) -> list[dict[str, Any]]:
-    """Return the sensors of a store."""
+def listed(store: Store, type_name: str | None = None) -> list[Fields]:
+    """Return the sensors of a store, or of a type."""
     return [
-        plain(
-            overview.sensor.as_dict()
-            | {
-                "calibrations": overview.calibrations,
-                "first": overview.first,
-                "last": overview.last,
-            }
-        )
-        for overview in overviews
+        plain(sensor.as_dict() | {"calibrations": times, "first": first, "last": last})
+        for sensor, times, first, last in query.overviews(store, type_name)
     ]

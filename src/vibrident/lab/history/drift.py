@@ -26,7 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from vibrident.data.records import FloatArray
+from vibrident.base.fields import NamedNumbers
+from vibrident.data.records import BoolArray, FloatArray
 
 _QUANTILE_BISECTIONS = (
     45  # bisections of the interval that holds a quantile: they resolve 10⁻¹² of it
@@ -56,7 +57,7 @@ class Mixture:
             low, high = (middle, high) if self.below(middle) < probability else (low, middle)
         return (low + high) / 2
 
-    @property
+    @cached_property
     def interval_95(self) -> tuple[float, float]:
         """Return the probabilistically symmetric 95 % coverage interval."""
         return self.quantile(0.025), self.quantile(0.975)
@@ -145,9 +146,7 @@ class SensorDrift:
         within = np.concatenate([prior, prior, np.outer(prior, prior).ravel(), [1.0]])
         return line, walk, within * np.array(PRIOR_WEIGHTS)[kind] / sum(PRIOR_WEIGHTS), kind
 
-    def _process(
-        self, rows: FloatArray, columns: FloatArray, same: NDArray[np.bool_]
-    ) -> FloatArray:
+    def _process(self, rows: FloatArray, columns: FloatArray, same: BoolArray) -> FloatArray:
         """Return the covariance of the drift between two sets of times.
 
         Its shape is (m, len(rows), len(columns)).
@@ -192,7 +191,7 @@ class SensorDrift:
         return weight / weight.sum()
 
     @property
-    def probability(self) -> dict[str, float]:
+    def probability(self) -> NamedNumbers:
         """Return the probability of each hypothesis."""
         kind = self._variances[3]
         return {name: float(self.weight[kind == i].sum()) for i, name in enumerate(HYPOTHESES)}

@@ -6,17 +6,17 @@ import datetime
 import getpass
 import itertools
 import json
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
 
 import sqlalchemy as sa
 
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields, GivenFields, NamedTexts
 from vibrident.lab.history import query, schema
 from vibrident.lab.history.query import StoredSensor
 from vibrident.lab.history.result_rows import (
     SENSOR_KEYS,
-    DatabaseRow,
     ResultRows,
     identity,
     rows_of,
@@ -87,7 +87,7 @@ def _insert(
     return Added(True, key)
 
 
-def _find_same_result(connection: sa.Connection, sensor_id: int, row: DatabaseRow) -> int | None:
+def _find_same_result(connection: sa.Connection, sensor_id: int, row: Fields) -> int | None:
     """Return the number of the calibration that holds the same result; None if there is none."""
     columns = calibration.c
     same = connection.execute(
@@ -167,7 +167,7 @@ def _redate(
     return former
 
 
-def _sensor_id(store: Store, connection: sa.Connection, identity: Mapping[str, str]) -> int:
+def _sensor_id(store: Store, connection: sa.Connection, identity: NamedTexts) -> int:
     selection = sa.select(schema.sensor.c.id).where(
         sa.and_(*(schema.sensor.c[key] == value for key, value in identity.items()))
     )
@@ -184,7 +184,7 @@ def _sensor_id(store: Store, connection: sa.Connection, identity: Mapping[str, s
     return connection.execute(selection).scalar_one() if sensor_id is None else sensor_id
 
 
-def record(connection: sa.Connection, event: Mapping[str, Any]) -> None:
+def record(connection: sa.Connection, event: GivenFields) -> None:
     """Add an event with the time and user of its entry; the date is today's unless given."""
     now = datetime.datetime.now(datetime.UTC)
     row = {

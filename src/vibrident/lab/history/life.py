@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vibrident.base.fields import NamedNumbers
 from vibrident.data.records import FloatArray
 from vibrident.lab.history.drift import SensorDrift
 from vibrident.use.comparison import (
@@ -44,7 +45,7 @@ class Entry(NamedTuple):
     unit: str  # of value and u
     frequency_hz: float | None = None  # if the quantity is a sensitivity at a frequency
     # source that other calibrations may share → its standard uncertainty, same unit
-    shared: Mapping[str, float] = MappingProxyType({})
+    shared: NamedNumbers = MappingProxyType({})
     data_files: str = "[]"  # hashes of its data files, a JSON list
     standing: str = ""  # the newest of ``approved``, ``superseded``, ``recalled``; else empty
     facts: Mapping[str, object] = MappingProxyType({})  # further columns of the calibration

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from vibrident.base.amounts import pretty
+from vibrident.base.fields import GivenFields
 from vibrident.lab.history import tables
 from vibrident.lab.history.tables import quantity_name, scale_of
 from vibrident.show import axes
@@ -34,12 +34,12 @@ from vibrident.show.views import (
 )
 
 
-def report(life: Mapping[str, Any]) -> Document:
+def report(life: GivenFields) -> Document:
     """Return the page of a sensor's history."""
     return document(f"History of {sensor_name(life['sensor'])}", (), sections(life))
 
 
-def sections(life: Mapping[str, Any]) -> list[Section]:
+def sections(life: GivenFields) -> list[Section]:
     """Return the sections of the page, for other pages too."""
     name = tables.quantity_name(life)
     return [
@@ -53,7 +53,7 @@ def sections(life: Mapping[str, Any]) -> list[Section]:
     ]
 
 
-def printed(life: Mapping[str, Any]) -> tuple[Block | None, ...]:
+def printed(life: GivenFields) -> tuple[Block | None, ...]:
     """Return the history for a terminal, with a chart of letters in place of pictures."""
     title = f"{sensor_name(life['sensor'])}: {tables.quantity_name(life)}"
     calibrations = replace(tables.calibrations(life), title=title)
@@ -78,7 +78,7 @@ _LIMIT = Look(GREY, "dashed", 1.2)
 _TOLERANCE = Look(GREEN, "dashed", 1.2)
 
 
-def picture(document: Mapping[str, Any]) -> Figure:
+def picture(document: GivenFields) -> Figure:
     """Draw values and control charts in one figure.
 
     The history needs at least one valid calibration.
@@ -89,7 +89,7 @@ def picture(document: Mapping[str, Any]) -> Figure:
     return Figure("history", title, (Stack(panels),), sensor_name(document["sensor"]), CAPTION)
 
 
-def chart_of_values(document: Mapping[str, Any]) -> Figure | None:
+def chart_of_values(document: GivenFields) -> Figure | None:
     """Draw each calibration with U, its series, the predicted band, tolerance and events."""
     if not any(row["counts"] for row in document["calibrations"]):
         return None
@@ -98,7 +98,7 @@ def chart_of_values(document: Mapping[str, Any]) -> Figure | None:
     )
 
 
-def control_charts(document: Mapping[str, Any]) -> Figure | None:
+def control_charts(document: GivenFields) -> Figure | None:
     """Draw EWMA and CUSUM with their limits, in standard deviations."""
     if document["control"] is None:
         return None
@@ -107,7 +107,7 @@ def control_charts(document: Mapping[str, Any]) -> Figure | None:
     return Figure("control", "Control charts", (Stack(panels),), "", caption)
 
 
-def _values(document: Mapping[str, Any]) -> Panel:
+def _values(document: GivenFields) -> Panel:
     factor = scale_of(document).factor
     x = _dates(document)
     series = _expected(document, factor)
@@ -155,7 +155,7 @@ def _values(document: Mapping[str, Any]) -> Panel:
     return Panel(x, y_axis, tuple(series), 2.4, marks=marks)
 
 
-def _expected(document: Mapping[str, Any], factor: float) -> list[Series]:
+def _expected(document: GivenFields, factor: float) -> list[Series]:
     curve = document["drift"].get("curve")
     if not curve:
         return []
@@ -177,7 +177,7 @@ def _expected(document: Mapping[str, Any], factor: float) -> list[Series]:
     ]
 
 
-def _control(chart: Mapping[str, Any], document: Mapping[str, Any]) -> Panel:
+def _control(chart: GivenFields, document: GivenFields) -> Panel:
     days = np.array([_day(date) for date in document["control"]["dates"]])
     alarm = list(chart["alarm"])
     series = []
@@ -195,7 +195,7 @@ def _control(chart: Mapping[str, Any], document: Mapping[str, Any]) -> Panel:
     return Panel(_dates(document), y_axis, tuple(series), 1.2, chart["name"], rules=(0.0,))
 
 
-def _dates(document: Mapping[str, Any]) -> Axis:
+def _dates(document: GivenFields) -> Axis:
     rows = [*document["calibrations"], *(document["drift"].get("curve") or ())]
     return axes.dates("Date", [datetime.date.fromisoformat(row["date"][:10]) for row in rows])
 
@@ -204,9 +204,9 @@ def _day(date: str) -> float:
     return float(datetime.date.fromisoformat(date[:10]).toordinal())
 
 
-def _days(rows: Sequence[Mapping[str, Any]]) -> FloatArray:
+def _days(rows: Sequence[GivenFields]) -> FloatArray:
     return np.array([_day(row["date"]) for row in rows], dtype=float)
 
 
-def _column(rows: Sequence[Mapping[str, Any]], name: str) -> FloatArray:
+def _column(rows: Sequence[GivenFields], name: str) -> FloatArray:
     return np.array([row[name] for row in rows], dtype=float)

@@ -8,11 +8,12 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import sqlalchemy as sa
 
 from vibrident.base.errors import InputError, did_you_mean
+from vibrident.base.fields import Fields, NamedNumbers
 from vibrident.base.nominal import SAME
 from vibrident.lab.history.life import Entry, Event
 from vibrident.lab.history.schema import (
@@ -46,19 +47,15 @@ class StoredSensor:
     @property
     def name(self) -> str:
         """Return manufacturer, type, serial number and axis in one line."""
-        name = sensor_name(
-            {key: getattr(self, key) for key in ("manufacturer", "type", "serial_number")}
-        )
+        name = sensor_name(vars(self))
         return f"{name}, axis {self.axis}" if self.axis else name
 
     def as_dict(self) -> dict[str, str]:
         """Return the sensor as a result states it."""
-        named = ("manufacturer", "type", "serial_number", "axis")
-        return {key: getattr(self, key) for key in named if getattr(self, key)}
+        return {key: text for key, text in vars(self).items() if text and key != "id"}
 
 
-@dataclass(frozen=True)
-class Overview:
+class Overview(NamedTuple):
     """Sensor in the list of all: number of its calibrations, and the first and last date."""
 
     sensor: StoredSensor
@@ -71,15 +68,8 @@ def overviews(store: Store, type_name: str | None = None) -> list[Overview]:
     """Return all sensors, by type and serial number."""
     columns = sensor.c
     date = corrected_date()
-    date_min = sa.func.min(date)
-    date_max = sa.func.max(date)
     query = (
-        sa.select(
-            *columns,
-            sa.func.count().label("times"),
-            date_min.label("first"),
-            date_max.label("last"),
-        )
+        sa.select(*columns, sa.func.count(), sa.func.min(date), sa.func.max(date))
         .join(calibration, calibration.c.sensor_id == columns.id)
         .group_by(*columns)
         .order_by(columns.type, columns.serial_number, columns.manufacturer, columns.axis)
@@ -88,8 +78,8 @@ def overviews(store: Store, type_name: str | None = None) -> list[Overview]:
         query = query.where(columns.type == type_name)
     with store.reading() as connection:
         return [
-            Overview(_sensor(row), row.times, row.first, row.last)
-            for row in connection.execute(query)
+            Overview(StoredSensor(*identity), times, first, last)
+            for *identity, times, first, last in map(tuple, connection.execute(query))
         ]
 
 
@@ -114,7 +104,7 @@ def find(
     for column, value in named:
         query = query if value is None else query.where(column == value)
     with store.reading() as connection:
-        sensors = [_sensor(row) for row in connection.execute(query)]
+        sensors = [StoredSensor(*row) for row in connection.execute(query)]
         if len(sensors) == 1:
             return sensors[0]
         serial_numbers = (
@@ -138,7 +128,9 @@ def find(
 
 
 def stored_sensor(store: Store, identity: Mapping[str, object]) -> StoredSensor | None:
-    """Return the sensor that a result states; None if the store holds no calibration of it."""
+    """Return the sensor that a result states; None if no store holds a calibration of it."""
+    if store.revision() is None:
+        return None
     named = [
         column == str(identity.get(column.name) or "").strip()
         for column in sensor.c
@@ -146,11 +138,7 @@ def stored_sensor(store: Store, identity: Mapping[str, object]) -> StoredSensor 
     ]
     with store.reading() as connection:
         row = connection.execute(sa.select(sensor).where(*named)).one_or_none()
-    return None if row is None else _sensor(row)
-
-
-def _sensor(row: Any) -> StoredSensor:
-    return StoredSensor(row.id, row.manufacturer, row.type, row.serial_number, row.axis)
+    return None if row is None else StoredSensor(*row)
 
 
 def entries(
@@ -269,7 +257,7 @@ _FACT_COLUMNS = (
 
 
 @lru_cache(maxsize=10_000)
-def _shared(text: str) -> Mapping[str, float]:
+def _shared(text: str) -> NamedNumbers:
     return json.loads(text)
 
 
@@ -295,11 +283,9 @@ def events(store: Store, sensor_id: int | None = None) -> dict[int, list[Event]]
         query = query.where(event.c.sensor_id == sensor_id)
     events_of: dict[int, list[Event]] = {}
     with store.reading() as connection:
-        for row in connection.execute(query):
-            entry = Event(
-                row.id, row.kind, row.date, row.calibration_id, row.by, row.note, row.recorded
-            )
-            events_of.setdefault(row.sensor_id, []).append(entry)
+        for row in connection.execute(query).mappings():
+            columns = dict(row)
+            events_of.setdefault(columns.pop("sensor_id"), []).append(Event(**columns))
     return events_of
 
 
@@ -345,7 +331,7 @@ def no_calibration(store: Store, calibration_id: int) -> InputError:
     )
 
 
-def rows(store: Store) -> Iterator[dict[str, Any]]:
+def rows(store: Store) -> Iterator[Fields]:
     """Yield a row a calibration for export.
 
     It holds sensor, calibration, and parameters as NAME and NAME_u.
@@ -358,7 +344,7 @@ def rows(store: Store) -> Iterator[dict[str, Any]]:
     named = [s.manufacturer, s.type, s.serial_number, s.axis]
     standings = _standings(store, None)
     with store.reading() as connection:
-        values: dict[int, dict[str, Any]] = {}
+        values: dict[int, Fields] = {}
         for row in connection.execute(sa.select(parameter)):
             numbers = values.setdefault(row.calibration_id, {})
             numbers |= {row.name: row.value, f"{row.name}_u": row.standard_uncertainty}

@@ -7,13 +7,12 @@ import hashlib
 import json
 import math
 import zlib
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields
 from vibrident.lab.history import schema
-from vibrident.result import Result
+from vibrident.result import Parameter, Result
 from vibrident.result.document import plain
 from vibrident.show.history import date_of
 from vibrident.show.numbers import unit_of_sensitivity
@@ -23,18 +22,21 @@ from vibrident.use.comparison import shared_sources
 #: Digits kept of the SHA-256 of a data file: enough to recognise results of the same data.
 _FILE_DIGITS = 20
 SENSOR_KEYS = ("manufacturer", "type", "serial_number", "axis")
-
-DatabaseRow = dict[str, Any]
+_OF_PARAMETERS = ("value", "unit", "standard_uncertainty", "identifiable", "derived")
+_OF_POINTS = (
+    *("frequency_hz", "magnitude", "magnitude_uncertainty"),
+    *("phase_deg", "phase_deg_uncertainty"),
+)
 
 
 @dataclass(frozen=True)
 class ResultRows:
     """Result as rows by table, without the keys that the database gives."""
 
-    sensor: DatabaseRow
-    calibration: DatabaseRow
-    parameters: list[DatabaseRow]
-    points: list[DatabaseRow]
+    sensor: Fields
+    calibration: Fields
+    parameters: list[Fields]
+    points: list[Fields]
 
 
 def rows_of(
@@ -130,66 +132,36 @@ def _data_files(result: Result) -> list[str]:
     return sorted({text[:_FILE_DIGITS] for text in hashes if text})
 
 
-def _parameters(result: Result) -> list[DatabaseRow]:
+def _parameters(result: Result) -> list[Fields]:
     """Return the rows of the parameters, and of the sensitivity at the reference frequency."""
-
-    def row(
-        name: str,
-        value: float,
-        u: float | None,
-        unit: str,
-        shared: Mapping[str, float],
-        **more: Any,
-    ) -> DatabaseRow:
-        numbers = {"value": plain(value), "standard_uncertainty": plain(u)}
-        return {
-            "name": name,
-            **numbers,
-            "unit": unit,
-            "frequency_hz": None,
-            "shared": json.dumps(shared),
-            **more,
-        }
-
-    rows = []
+    parameters = dict(result.parameters)
+    shared = {name: shared_sources(result, parameter=name) for name in parameters}
+    frequencies_hz = {}
     at = None if result.is_tracked else reference_point(result)[0]
     if at is not None and math.isfinite(at.magnitude):
-        shared = shared_sources(result, sensitivity=(at.frequency_hz, at.magnitude))
-        unit = unit_of_sensitivity(result)
-        more = {"identifiable": True, "derived": True}
-        reference_value = at.magnitude, at.magnitude_uncertainty, unit, shared
-        rows.append(
-            row(
-                schema.REFERENCE_SENSITIVITY, *reference_value, **more, frequency_hz=at.frequency_hz
-            )
-        )
-    for name, parameter in result.parameters.items():
-        shared = shared_sources(result, parameter=name)
-        more = {"identifiable": parameter.identifiable, "derived": parameter.derived}
-        rows.append(
-            row(
-                name,
-                parameter.value,
-                parameter.standard_uncertainty,
-                parameter.unit,
-                shared,
-                **more,
-            )
-        )
-    return rows
+        name = schema.REFERENCE_SENSITIVITY
+        numbers = at.magnitude, unit_of_sensitivity(result), at.magnitude_uncertainty
+        parameters = {name: Parameter(*numbers, (None, None), derived=True)} | parameters
+        shared[name] = shared_sources(result, sensitivity=(at.frequency_hz, at.magnitude))
+        frequencies_hz[name] = at.frequency_hz
+    return [
+        {
+            "name": name,
+            **{key: plain(getattr(parameter, key)) for key in _OF_PARAMETERS},
+            "frequency_hz": frequencies_hz.get(name),
+            "shared": json.dumps(shared[name]),
+        }
+        for name, parameter in parameters.items()
+    ]
 
 
-def _points(result: Result) -> list[DatabaseRow]:
+def _points(result: Result) -> list[Fields]:
     """Return the nominal points of a calibration; a tracked result is none."""
     points = () if result.is_tracked else nominal_points(result)
     return [
         {
             "nominal_hz": float(point.nominal),
-            "frequency_hz": point.frequency_hz,
-            "magnitude": point.magnitude,
-            "magnitude_uncertainty": plain(point.magnitude_uncertainty),
-            "phase_deg": plain(point.phase_deg),
-            "phase_deg_uncertainty": plain(point.phase_deg_uncertainty),
+            **{key: plain(getattr(point, key)) for key in _OF_POINTS},
         }
         for point in points
         if math.isfinite(point.magnitude)

@@ -14,6 +14,7 @@ from sqlalchemy import event, exc
 from sqlalchemy.dialects import postgresql, sqlite
 
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields
 from vibrident.lab.history import schema
 from vibrident.lab.history.location import FORMS, printable, sqlite_file, store_url, without_secrets
 
@@ -227,7 +228,7 @@ class Store:
         return InputError(problem, expected=FORMS, found=detail, where=self.printed, remedy=remedy)
 
 
-def _read_only(_: Any, __: Any, arguments: list[Any], options: dict[str, Any]) -> None:
+def _read_only(_: Any, __: Any, arguments: list[Any], options: Fields) -> None:
     """Open a file read-only that this account cannot write: SQLite would create files beside it."""
     file = Path(arguments[0])
     if file.exists() and not (os.access(file, os.W_OK) and os.access(file.parent, os.W_OK)):

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import csv
 import datetime
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from vibrident.base.escaping import csv_cell
 from vibrident.base.extras import library
+from vibrident.base.fields import GivenFields
 
 
-def write(rows: Sequence[Mapping[str, Any]], file: Path) -> None:
+def write(rows: Sequence[GivenFields], file: Path) -> None:
     """Write rows, each with the columns it has, to a file that ends in ``.parquet`` or ``.csv``.
 
     Raises:
@@ -35,7 +36,7 @@ def write(rows: Sequence[Mapping[str, Any]], file: Path) -> None:
     parquet.write_table(arrow.table(columns), file)
 
 
-def _type(arrow: Any, rows: Sequence[Mapping[str, Any]], name: str) -> Any:
+def _type(arrow: Any, rows: Sequence[GivenFields], name: str) -> Any:
     """Return the column's type from its values; numeric if there are none, as most columns are."""
     value = next((row[name] for row in rows if row.get(name) is not None), None)
     if isinstance(value, list):

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
 
 from vibrident.base.amounts import UnitScale, scaled
+from vibrident.base.fields import GivenFields
 from vibrident.physics.naming import in_words
 from vibrident.show.comparison import assumption, both_ways
 from vibrident.show.formulas import Words
@@ -14,10 +14,8 @@ from vibrident.show.numbers import NONE, frequency_text, pair, plain, signed
 from vibrident.show.views import Column, Facts, Sentence, Table, columns
 from vibrident.use.comparison import COVERAGE_FACTOR as K
 
-Document = Mapping[str, Any]
 
-
-def quantity_name(document: Document) -> str:
+def quantity_name(document: GivenFields) -> str:
     """Return the quantity in words, with its frequency."""
     quantity = document["quantity"]
     if quantity["frequency_hz"] is None:
@@ -25,7 +23,7 @@ def quantity_name(document: Document) -> str:
     return f"sensitivity at {frequency_text(quantity['frequency_hz'])}"
 
 
-def scale_of(document: Document) -> UnitScale:
+def scale_of(document: GivenFields) -> UnitScale:
     """Return the scale from the quantity's unit to one with a suitable prefix."""
     unit = document["quantity"]["unit"]
     sizes = [
@@ -36,7 +34,7 @@ def scale_of(document: Document) -> UnitScale:
     return scaled(unit, sizes[-1] if sizes else 0.0)
 
 
-def calibrations(document: Document) -> Table:
+def calibrations(document: GivenFields) -> Table:
     """Return a table of all calibrations with U and E_n to the one before.
 
     Calibrations that are not valid stand with the reason.
@@ -80,7 +78,7 @@ def calibrations(document: Document) -> Table:
     return Table(heads, tuple(rows), notes=tuple(filter(None, notes))).telling()
 
 
-def chart(document: Document, width: int = 54) -> Facts | None:
+def chart(document: GivenFields, width: int = 54) -> Facts | None:
     """Return the values as text, by date; None for a single value.
 
     A bar shows the unshared part of U, and the last line the prediction.
@@ -114,7 +112,7 @@ def chart(document: Document, width: int = 54) -> Facts | None:
     return Facts(tuple(lines), "Each with the part of U that it does not share")
 
 
-def series(document: Document) -> list[Sentence]:
+def series(document: GivenFields) -> list[Sentence]:
     """Return a sentence for each series after the first."""
     rows = document["series"][1:]
     return [
@@ -122,7 +120,7 @@ def series(document: Document) -> list[Sentence]:
     ]
 
 
-def drift(document: Document) -> Facts:
+def drift(document: GivenFields) -> Facts:
     """Return the drift, and the prediction."""
     values = document["drift"]
     scale = scale_of(document)
@@ -150,13 +148,13 @@ def drift(document: Document) -> Facts:
     return Facts(rows, "Drift")
 
 
-def _with_u(values: Mapping[str, Any], scale: UnitScale, per: str = "") -> str:
+def _with_u(values: GivenFields, scale: UnitScale, per: str = "") -> str:
     value, expanded = pair(values["value"] * scale.factor, values["U"] * scale.factor)
     unit = f"{scale.printed}{per}" if scale.printed else per.replace("/", "1/")
     return f"({value} ± {expanded}) {unit}".rstrip()
 
 
-def control(document: Document) -> Facts | None:
+def control(document: GivenFields) -> Facts | None:
     """Return the alarms of the control charts; None without charts."""
     values = document["control"]
     if values is None:
@@ -180,7 +178,7 @@ def _alarms(dates: Sequence[str]) -> str:
     return f"alarm on {', '.join(dates)}" if dates else "no alarm"
 
 
-def due(document: Document) -> Facts | None:
+def due(document: GivenFields) -> Facts | None:
     """Return the due date; None where none was asked for."""
     values = document["due"]
     scale = scale_of(document)
@@ -220,7 +218,7 @@ def _percent(value: float | None) -> str:
     )
 
 
-def events(document: Document) -> Table | None:
+def events(document: GivenFields) -> Table | None:
     """Return the events, except added calibrations."""
     rows = tuple(
         (
@@ -236,7 +234,7 @@ def events(document: Document) -> Table | None:
     return Table(columns("date", "event", "calibration", "by", "note"), rows) if rows else None
 
 
-def all_due(rows: Sequence[Mapping[str, Any]]) -> Table:
+def all_due(rows: Sequence[GivenFields]) -> Table:
     """Return the due dates of many sensors."""
     heads = columns("last", "due by risk", "by interval", "by staircase", "risk today")
     cells = (
@@ -252,7 +250,7 @@ def all_due(rows: Sequence[Mapping[str, Any]]) -> Table:
     return _sensors(rows, ("type",), heads, cells)
 
 
-def listed(rows: Sequence[Mapping[str, Any]]) -> Table:
+def listed(rows: Sequence[GivenFields]) -> Table:
     """Return the sensors of a store."""
     return _sensors(
         rows,
@@ -263,7 +261,7 @@ def listed(rows: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def _sensors(
-    rows: Sequence[Mapping[str, Any]],
+    rows: Sequence[GivenFields],
     keys: tuple[str, ...],
     heads: tuple[Column, ...],
     cells: Iterable[tuple[str, ...]],

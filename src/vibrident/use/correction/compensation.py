@@ -18,11 +18,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft
 
 from vibrident.base.fft_lengths import fast_length
-from vibrident.data.records import FloatArray
+from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.response.transform import line_counts
 from vibrident.physics.models.slopes import ComplexArray
 from vibrident.use.correction.band import PassBand
@@ -91,7 +90,7 @@ class Compensation:
         return self.band.passed(self.frequency_hz)
 
     @cached_property
-    def _within(self) -> NDArray[np.bool_]:
+    def _within(self) -> BoolArray:
         return self.lowpass > 0.0
 
     @cached_property

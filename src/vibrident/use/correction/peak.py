@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
+from vibrident.base.fields import NamedNumbers
 from vibrident.data.known import KnownResponse
 from vibrident.data.records import BoolArray, FloatArray, Quantity, Record
 from vibrident.fit.response.transform import line_counts
@@ -39,7 +40,7 @@ class Peak:
     interval_95: tuple[float, float]  # m/s²
     effective_degrees_of_freedom: float  # by Welch and Satterthwaite (GUM G.4)
     coverage_factor: float  # of the interval
-    components: Mapping[str, float]  # standard uncertainty by origin, m/s²
+    components: NamedNumbers  # standard uncertainty by origin, m/s²
     noise_bias: float  # subtracted: a maximum of signal and noise is biased high, m/s²
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import Any
 
 import numpy as np
 
+from vibrident.base.fields import Fields
 from vibrident.use.correction.acceleration import ORIGINS, Correction, Corrections
 
 
-def correction_document(corrections: Corrections, files: Sequence[str]) -> dict[str, Any]:
+def correction_document(corrections: Corrections, files: Sequence[str]) -> Fields:
     """Return the plain values of ``correction.json``.
 
     ``corrections``: of :func:`correct`; ``files``: name of each correction's file.
@@ -25,7 +25,7 @@ def correction_document(corrections: Corrections, files: Sequence[str]) -> dict[
     }
 
 
-def _row(correction: Correction, file: str) -> dict[str, Any]:
+def _row(correction: Correction, file: str) -> Fields:
     baseline = correction.baseline
     peak = correction.peak
     finite = np.isfinite(correction.acceleration)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError, unknown
+from vibrident.base.fields import Fields, NamedNumbers
 from vibrident.base.memory import in_one_thread
 from vibrident.data.records import (
     REFERENCE_UNITS,
@@ -74,8 +74,8 @@ class Plan:
     efficiency: float | None
     # standard uncertainty by parameter of as many points spread evenly over the candidates; empty
     # where all are measured
-    spread: Mapping[str, float]
-    all_points: Mapping[str, float]  # standard uncertainty by parameter of all candidates
+    spread: NamedNumbers
+    all_points: NamedNumbers  # standard uncertainty by parameter of all candidates
 
     __repr__ = brief
 
@@ -83,7 +83,7 @@ class Plan:
 @in_one_thread
 def plan(
     sensor: GivenResult,
-    parameters: Mapping[str, float] | None = None,
+    parameters: NamedNumbers | None = None,
     *,
     frequencies_hz: Sequence[float] | FloatArray | None = None,
     amplitude: float | Sequence[float] = STANDARD_GRAVITY,
@@ -264,7 +264,7 @@ def _covariance(points: PlannedPoints, uses: np.ndarray) -> tuple[FloatArray, fl
 
 def _deviations(
     points: PlannedPoints, uses: np.ndarray, reference_uncertainty: float
-) -> dict[str, float]:
+) -> NamedNumbers:
     """Return the standard uncertainty of each estimated parameter, physical units."""
     coordinates = points.coordinates
     z = points.coordinates.first
@@ -343,7 +343,7 @@ def _noise_of_result(
     return at(u), None if np.isnan(phase).any() else phase
 
 
-def plan_document(planned: Plan) -> dict[str, Any]:
+def plan_document(planned: Plan) -> Fields:
     """Return the plain values of ``plan.json``."""
     points = zip(
         planned.frequency_hz.tolist(),

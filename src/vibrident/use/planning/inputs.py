@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from vibrident.base.errors import InputError, unknown
+from vibrident.base.fields import NamedNumbers
 from vibrident.data.records import QUANTITIES, FloatArray, Quantity
 from vibrident.physics.models import parse
 from vibrident.physics.models.sensor_model import SensorModel
@@ -16,8 +17,8 @@ from vibrident.use.planning.points import PlannedPoints
 
 
 def model_and_values(
-    sensor: str | Result, parameters: Mapping[str, float] | None
-) -> tuple[SensorModel, dict[str, float]]:
+    sensor: str | Result, parameters: NamedNumbers | None
+) -> tuple[SensorModel, NamedNumbers]:
     """Return the model of a plan, and its parameter values.
 
     Raises:

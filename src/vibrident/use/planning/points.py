@@ -12,13 +12,13 @@ nearly collinear with the tone within the record.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from vibrident.base.errors import InputError
+from vibrident.base.fields import NamedNumbers
 from vibrident.data.records import FloatArray, Quantity, Record
 from vibrident.fit.decay.motion import free_motion
 from vibrident.fit.problem import Coordinates, FrequencyProblem
@@ -88,7 +88,7 @@ class Subject:
     """Sensor that is planned for, and the planned frequencies."""
 
     model: SensorModel  # linear
-    values: Mapping[str, float]  # of its parameters, SI units, frequencies in Hz
+    values: NamedNumbers  # of its parameters, SI units, frequencies in Hz
     quantity: Quantity  # of the reference
     frequency_hz: FloatArray  # ascending, shape (n,)
 

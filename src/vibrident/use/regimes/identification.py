@@ -5,12 +5,12 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from vibrident.base.amounts import amount, plain
 from vibrident.base.errors import VibridentError
+from vibrident.base.fields import Fields
 from vibrident.data.records import STATIONARY_EXCITATIONS, Calibration
 from vibrident.fit.judge.attempts import MIN_EXPLAINED_SHARE, Fitted
 from vibrident.fit.judge.document import Uncertainty, budget_of, document
@@ -213,7 +213,7 @@ def _result(fitted_regimes: _Regimes, scope: Uncertainty) -> Result:
 
 
 def _describe_regimes(
-    fitted: Fitted, regimes: Sequence[dict[str, Any]], common: Sequence[str], longest: int
+    fitted: Fitted, regimes: Sequence[Fields], common: Sequence[str], longest: int
 ) -> str:
     """Return what changed and when, what did not, and which regime the result is of."""
     units = parameter_units(fitted.evidence.model, fitted.evidence.calibration)

@@ -8,13 +8,14 @@ regime unless their parameters differ by more than noise, told by χ².
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy import fft
 
 from vibrident.base.errors import VibridentError
+from vibrident.base.fields import NamedNumbers
 from vibrident.base.tails import chi2_tail
 from vibrident.data.records import Calibration, FloatArray, Record
 from vibrident.fit.estimators import choose
@@ -60,7 +61,7 @@ class PieceEstimate:
     covariance: FloatArray
 
     @property
-    def parameters(self) -> dict[str, float]:
+    def parameters(self) -> NamedNumbers:
         """Return the values by name."""
         return dict(zip(self.model.parameter_names, self.values.tolist(), strict=True))
 
@@ -124,7 +125,7 @@ def is_alike_throughout(record: Record) -> bool:
 
 
 def find_regimes(
-    calibration: Calibration, model: SensorModel, near: Mapping[str, float], offset: float
+    calibration: Calibration, model: SensorModel, near: NamedNumbers, offset: float
 ) -> list[PieceEstimate]:
     """Return the regimes of a calibration of one record, by whole pieces.
 
@@ -152,7 +153,7 @@ def _explained_pieces(
     calibration: Calibration,
     model: SensorModel,
     spans: Sequence[slice],
-    near: Mapping[str, float],
+    near: NamedNumbers,
     offset: float,
 ) -> Iterator[PieceEstimate]:
     """Yield the pieces that the model explains, until more do not than changes may be in."""

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from vibrident.base.amounts import amount, plain
+from vibrident.base.fields import Fields
 from vibrident.data.records import FloatArray
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.judge.attempts import Fitted
@@ -287,7 +288,7 @@ def _refusal_warning(refused: Sequence[RefusedStretch], count: int) -> ResultWar
 
 def _settings(
     fitted: Fitted, used: Sequence[StretchFit], pooled: PooledEstimate, count: int
-) -> dict[str, Any]:
+) -> Fields:
     """Return the values of each stretch over time, and how well they agree."""
     rows = []
     for fit in used:
@@ -305,7 +306,7 @@ def _settings(
     }
 
 
-def _files(used: Sequence[StretchFit]) -> list[dict[str, Any]]:
+def _files(used: Sequence[StretchFit]) -> list[Fields]:
     """Return each data file once, with the history of the first stretch of it."""
     files: dict[tuple[str, str], list[str]] = {}
     counts: Counter[tuple[str, str]] = Counter()

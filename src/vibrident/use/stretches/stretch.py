@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from vibrident.base.errors import VibridentError
+from vibrident.base.fields import NamedNumbers
 from vibrident.base.memory import in_one_thread, return_freed
 from vibrident.base.participants import watching
 from vibrident.data.io.long_records import LongRecords, RecordSpan
@@ -42,7 +43,7 @@ class FitOrder:
     model: str | None
     estimator: Estimator
     band_hz: tuple[float, float] | None
-    start: Mapping[str, float]
+    start: NamedNumbers
 
 
 @dataclass(frozen=True)

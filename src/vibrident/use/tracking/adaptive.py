@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from vibrident.data.records import Calibration
-from vibrident.data.sources.kinds.calibration_records import chunks_of
 from vibrident.result import Result
 from vibrident.use.correction import Corrections, correct
-from vibrident.use.tracking.known import known_effects, without_known
 from vibrident.use.tracking.outcome import tracked_result
 from vibrident.use.tracking.session import TrackingSession
 from vibrident.use.tracking.state import TrackerSettings
@@ -33,15 +31,8 @@ def correct_tracked(
         InputError: a record lacks a reference, rates differ, or an error of ``correct`` or of a
             tracking session.
     """
-    calibration.require_response(result.response_unit, "A table holds no response in time.")
-    data = without_known(calibration)
-    chunks = list(chunks_of(data))
     settings = TrackerSettings(reference_uncertainty=calibration.reference_standard_uncertainty)
-    session = TrackingSession.from_result(
-        result, calibration.records[0].sampling_rate_hz, calibration.quantity, 1.0, settings
-    )
-    effects = known_effects(data, result.to_sensor())
-    session.effects = replace(session.effects, channel_effects=effects)
+    session, chunks = TrackingSession.from_records(result, calibration, settings, 1.0)
     pieces = []
     for record, chunk in zip(calibration.records, chunks, strict=True):
         session.take(chunk)

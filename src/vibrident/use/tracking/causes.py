@@ -14,6 +14,7 @@ import numpy as np
 
 from vibrident.base.amounts import amount
 from vibrident.base.errors import VibridentError
+from vibrident.base.fields import NamedNumbers
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import Calibration, FloatArray, Quantity
 from vibrident.physics.models import AddOn, SensorModel, parse
@@ -113,7 +114,7 @@ def _values(result: Result) -> dict[str, float]:
     return {name: each.value for name, each in result.parameters.items() if not each.derived}
 
 
-def _first_value(add_on: AddOn, values: dict[str, float]) -> str:
+def _first_value(add_on: AddOn, values: NamedNumbers) -> str:
     """Return the value of an add-on's first parameter, which tells where it is."""
     spec = add_on.parameters[0]
     return amount(values[spec.name], spec.unit, 4)

@@ -7,17 +7,18 @@ the share of the samples, √(1 − w²) of each effect is added.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from vibrident.base.fields import Fields, GivenFields
 from vibrident.data.records import FloatArray
 from vibrident.fit.uncertainty.budget import DATA
 from vibrident.result import Result
 from vibrident.use.comparison import REFERENCE_SOURCE
-from vibrident.use.tracking.known import KnownEffects
+from vibrident.use.tracking.known import budget_row
 from vibrident.use.tracking.state import TrackedEstimate
 
 SCATTER = "noise, and the calibration that the session began with"
@@ -27,11 +28,14 @@ SCATTER = "noise, and the calibration that the session began with"
 class CarriedEffects:
     """Effects of type B that a calibration stated."""
 
-    rows: tuple[Mapping[str, Any], ...]  # of its budget
+    rows: tuple[GivenFields, ...]  # of its budget
     contributions: FloatArray  # standard uncertainty of each in each parameter, (rows, parameters)
     start: FloatArray  # covariance of the calibration, (parameters, parameters)
     reference: FloatArray  # relative u of the session's own reference, at the gain, (parameters,)
-    channel_effects: KnownEffects  # of the known responses of the session's own channels
+    # rows of the known responses of the session's own channels, and how far one u of each moves
+    # each parameter, (rows, parameters)
+    channel_rows: Sequence[GivenFields]
+    channel_moves: FloatArray
 
     @classmethod
     def from_result(
@@ -57,7 +61,7 @@ class CarriedEffects:
             [(row.get("contributions") or {}).get(name) or 0.0 for name in names] for row in rows
         ]
         contributions = np.array(table).reshape(len(rows), len(names))
-        return cls(rows, contributions, start, reference, KnownEffects.none(len(names)))
+        return cls(rows, contributions, start, reference, (), np.zeros((0, len(names))))
 
     def _variances(self, read: TrackedEstimate) -> FloatArray:
         """Return the variances of an estimate without its reference's, (parameters,)."""
@@ -73,13 +77,13 @@ class CarriedEffects:
         """Return an estimate with the effects in its covariance, correlated as calibrated."""
         variance = np.sum(self.contributions**2, axis=0)
         share = np.sqrt(np.minimum(variance / np.diag(self.start), 1.0)) * self.fresh(read)
-        moves = self.channel_effects.contributions * self.fresh(read)
+        moves = self.channel_moves * self.fresh(read)
         covariance = read.covariance + self.start * np.outer(share, share) + moves.T @ moves
         u = np.sqrt(np.diag(covariance)).tolist()
         named = dict(zip(read.values, u, strict=True))
         return replace(read, uncertainty=named, covariance=covariance)
 
-    def budget(self, read: TrackedEstimate, freedom: float) -> list[dict[str, Any]]:
+    def budget(self, read: TrackedEstimate, freedom: float) -> list[Fields]:
         """Return the uncertainty budget of an estimate to which no effects are added yet.
 
         Its rows: the estimate's scatter, the session's reference, and each effect carried.
@@ -87,23 +91,12 @@ class CarriedEffects:
         fresh = self.fresh(read)
         scatter = {"source": SCATTER, "type": "A", "kind": DATA, "standard_uncertainty": None}
         scatter |= {"unit": "", "degrees_of_freedom": freedom}
-        rows = [(scatter, np.sqrt(np.maximum(self._variances(read), 0.0)))]
+        rows: list[Any] = [(scatter, np.sqrt(np.maximum(self._variances(read), 0.0)))]
         if relative := float(self.reference.max()):
-            session_row = {"source": REFERENCE_SOURCE, "type": "B", "kind": "gain"}
-            session_row |= {
-                "standard_uncertainty": relative,
-                "unit": "",
-                "degrees_of_freedom": None,
-            }
+            session_row = budget_row(REFERENCE_SOURCE, "gain", relative)
             rows.append((session_row, self.reference * np.abs(list(read.values.values()))))
-        channels = zip(
-            self.channel_effects.rows,
-            fresh * np.abs(self.channel_effects.contributions),
-            strict=True,
-        )
-        rows += [(dict(row), contribution) for row, contribution in channels]
-        carried = zip(self.rows, fresh * self.contributions, strict=True)
-        rows += [(dict(row), contribution) for row, contribution in carried]
+        rows += zip(self.channel_rows, fresh * np.abs(self.channel_moves), strict=True)
+        rows += zip(self.rows, fresh * self.contributions, strict=True)
         return [
             {**row, "contributions": dict(zip(read.values, contribution.tolist(), strict=True))}
             for row, contribution in rows

@@ -2,32 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields, GivenFields
 from vibrident.base.memory import in_one_thread
 from vibrident.data.io import GivenCalibration, as_calibration
 from vibrident.data.records import Quantity
-from vibrident.data.sources.kinds.calibration_records import chunks_of
 from vibrident.data.sources.source import Chunk
 from vibrident.result import Result
 from vibrident.result.loading import GivenResult, as_result
 from vibrident.use.tracking import DRIFT_PER_YEAR, EVERY_S, FALSE_ALARMS_PER_DAY
-from vibrident.use.tracking.known import known_effects, without_known
 from vibrident.use.tracking.outcome import tracked_result
 from vibrident.use.tracking.session import TrackingSession
 from vibrident.use.tracking.state import Alarm, TrackedEstimate, TrackerSettings
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-
-MAX_ROWS_OF_RECORDS = 100  # rows of records that are shorter than as many times EVERY_S
 
 
 class SensorTracker:
@@ -131,7 +127,7 @@ class SensorTracker:
         """Return the changes of the sensor so far, in the order of their detection."""
         return tuple(self._session.alarms)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Fields:
         """Return what ``track.json`` says: plain values."""
         return self._session.document()
 
@@ -154,7 +150,7 @@ class Tracking:
     estimates: tuple[TrackedEstimate, ...]
     alarms: tuple[Alarm, ...]
     result: Result
-    document: Mapping[str, Any]
+    document: GivenFields
 
     __repr__ = brief
 
@@ -164,7 +160,7 @@ class Tracking:
 
         rows = []
         for estimate in self.estimates:
-            row: dict[str, Any] = {"time_s": estimate.time_s}
+            row: Fields = {"time_s": estimate.time_s}
             for name, value in estimate.values.items():
                 row |= {name: value, f"{name}_u": estimate.uncertainty[name]}
             rows.append(
@@ -210,32 +206,14 @@ def track(
     """
     start = as_result(result)
     data = as_calibration(calibration)
-    data.require_response(start.response_unit, "A table has no samples to track a sensor by.")
-    data = without_known(data)
-    chunks = chunks_of(data)
-    sampling_rate_hz = data.records[0].sampling_rate_hz
-    length_s = sum(record.duration_s for record in data.records)
-    tracker = SensorTracker(
-        start,
-        sampling_rate_hz,
-        quantity=data.quantity,
-        every_s=every_s or interval_of_records(sampling_rate_hz, length_s),
-        false_alarms_per_day=false_alarms_per_day,
-        drift_per_year=drift_per_year,
-        reference_uncertainty=data.reference_standard_uncertainty,
-    )
-    session = tracker._session
-    channel_effects = known_effects(data, start.to_sensor())
-    session.effects = replace(session.effects, channel_effects=channel_effects)
+    _require_positive(every_s=every_s or EVERY_S, false_alarms_per_day=false_alarms_per_day)
+    reference_uncertainty = data.reference_standard_uncertainty
+    settings = TrackerSettings(false_alarms_per_day, drift_per_year, reference_uncertainty)
+    session, chunks = TrackingSession.from_records(start, data, settings, every_s)
     estimates = [estimate for chunk in chunks for estimate in session.take(chunk)]
-    estimates.append(tracker.finish())
-    return Tracking(tuple(estimates), tracker.alarms, tracker.to_result(), tracker.to_dict())
-
-
-def interval_of_records(sampling_rate_hz: float, length_s: float) -> float:
-    """Return the time between estimates of records, s: at least one block, at most 1 s."""
-    block_s = TrackerSettings().block / sampling_rate_hz
-    return max(block_s, min(EVERY_S, length_s / MAX_ROWS_OF_RECORDS))
+    estimates += session.finish()
+    outcome = tracked_result(start, session)
+    return Tracking(tuple(estimates), tuple(session.alarms), outcome, session.document())
 
 
 def _require_positive(**settings: float) -> None:

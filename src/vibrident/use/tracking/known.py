@@ -6,35 +6,16 @@ least-squares projection of that change onto their slopes, weighted by the motio
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from numpy import fft
 
+from vibrident.base.fields import Fields
 from vibrident.data.known.unsure import change_by
 from vibrident.data.records import Calibration, FloatArray, Record
 from vibrident.fit.response.deconvolution import chain_of, deconvolved
 from vibrident.result.sensor import IdentifiedSensor
-
-
-@dataclass(frozen=True, eq=False)
-class KnownEffects:
-    """Effects of the known responses of the session's channels.
-
-    Attributes:
-        rows: of a budget.
-        contributions: how far one u of each moves each parameter, shape (rows, parameters).
-    """
-
-    rows: tuple[Mapping[str, Any], ...]
-    contributions: FloatArray
-
-    @classmethod
-    def none(cls, parameters: int) -> KnownEffects:
-        """Return no effects on so many parameters."""
-        return cls((), np.zeros((0, parameters)))
 
 
 def without_known(calibration: Calibration) -> Calibration:
@@ -58,18 +39,22 @@ def _without_overdriven(record: Record) -> Record:
     return record.without_response(overdriven, "full scale") if overdriven.any() else record
 
 
-def known_effects(calibration: Calibration, sensor: IdentifiedSensor) -> KnownEffects:
+def known_effects(
+    calibration: Calibration, sensor: IdentifiedSensor
+) -> tuple[list[Fields], FloatArray]:
     """Return the effects of known responses on the parameters of a sensor.
 
     Args:
         calibration: records without their known responses.
         sensor: the sensor.
+
+    Returns:
+        Rows of a budget, and how far one u of each moves each parameter, shape (rows, parameters).
     """
     responses = calibration.known_responses.values()
     effects = [effect for response in responses for effect in response.effects]
-    none = KnownEffects.none(len(sensor.covariance))
     if not effects:
-        return none
+        return [], np.zeros((0, len(sensor.covariance)))
     slopes: list[FloatArray] = []
     changes: list[FloatArray] = []
     for record in calibration.records:
@@ -88,15 +73,17 @@ def known_effects(calibration: Calibration, sensor: IdentifiedSensor) -> KnownEf
     scale = np.linalg.norm(design, axis=0)
     scale = np.where(scale > 0.0, scale, 1.0)
     moves = np.linalg.lstsq(design / scale, np.concatenate(changes), rcond=None)[0]
-    rows = tuple(
-        {
-            "source": effect.source,
-            "type": "B",
-            "kind": effect.kind,
-            "standard_uncertainty": effect.standard_uncertainty,
-            "unit": "",
-            "degrees_of_freedom": None,
-        }
-        for effect in effects
-    )
-    return KnownEffects(rows, (moves / scale[:, None]).T)
+    rows = [budget_row(each.source, each.kind, each.standard_uncertainty) for each in effects]
+    return rows, (moves / scale[:, None]).T
+
+
+def budget_row(source: str, kind: str, standard_uncertainty: float) -> Fields:
+    """Return a row of type B of an uncertainty budget, without its contributions."""
+    return {
+        "source": source,
+        "type": "B",
+        "kind": kind,
+        "standard_uncertainty": standard_uncertainty,
+        "unit": "",
+        "degrees_of_freedom": None,
+    }

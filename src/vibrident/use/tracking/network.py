@@ -12,13 +12,13 @@ are constant, all of this is one linear system, which its powers run over some s
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from vibrident.base.errors import ModelError
+from vibrident.base.fields import NamedNumbers
 from vibrident.data.records import FloatArray, Quantity
 from vibrident.physics.discretisation import Weights, method
 from vibrident.physics.discretisation.inputs import HALF_WIDTH
@@ -50,7 +50,7 @@ class SensorNetwork:
 
     @classmethod
     def from_start_values(
-        cls, model: SensorModel, values: Mapping[str, float], quantity: Quantity, interval_s: float
+        cls, model: SensorModel, values: NamedNumbers, quantity: Quantity, interval_s: float
     ) -> SensorNetwork:
         """Return the network at its start values.
 

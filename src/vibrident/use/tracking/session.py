@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
-from vibrident.data.records import FloatArray, Quantity, Record
+from vibrident.base.fields import Fields, NamedTexts
+from vibrident.data.records import Calibration, FloatArray, Quantity, Record
+from vibrident.data.sources.kinds.calibration_records import chunks_of
 from vibrident.data.sources.source import Chunk
 from vibrident.fit.response.sine_fit import tone_frequency
 from vibrident.result import Result
+from vibrident.use.tracking import EVERY_S
 from vibrident.use.tracking.causes import CAUSE_SAMPLES, Cause, find_cause
 from vibrident.use.tracking.effects import CarriedEffects
+from vibrident.use.tracking.known import known_effects, without_known
 from vibrident.use.tracking.reference_noise import ReferenceNoise, estimate_reference_noise
 from vibrident.use.tracking.state import CERTAIN_IN_U, Alarm, TrackedEstimate, TrackerSettings
 from vibrident.use.tracking.tracker import Tracker
 
+MAX_ROWS_OF_RECORDS = 100  # rows of records that are shorter than as many times EVERY_S
 #: Largest offset of a chunk that still follows the one before, in sampling intervals.
 MAX_CHUNK_OFFSET_INTERVALS = 0.5
 
@@ -37,7 +41,7 @@ class TrackingSession:
 
     tracker: Tracker
     every: int  # samples a row
-    units: Mapping[str, str]  # unit of each parameter
+    units: NamedTexts  # unit of each parameter
     cause: Cause  # departure from the model, since the alarm that it explained
     effects: CarriedEffects  # of the calibration that the session began with
     samples: int = 0  # taken so far
@@ -86,6 +90,39 @@ class TrackingSession:
         return cls(
             tracker, every, units, Cause(None, "", tracker.values), effects, samples_to_row=every
         )
+
+    @classmethod
+    def from_records(
+        cls,
+        result: Result,
+        data: Calibration,
+        settings: TrackerSettings,
+        every_s: float | None = None,
+    ) -> tuple[TrackingSession, Iterator[Chunk]]:
+        """Begin a session with the records of a calibration, and return their samples with it.
+
+        Known responses of the channels are taken out; their uncertainty is carried.
+
+        Args:
+            result: of an identification, with the uncertainty of every parameter.
+            data: records in the order of time.
+            settings: of the tracking.
+            every_s: time between rows, s; None: a hundredth of the records, 1 s at most.
+
+        Raises:
+            InputError: the records cannot be tracked, or as of :meth:`from_result`.
+            ModelError: as of :meth:`from_result`.
+        """
+        data.require_response(result.response_unit, "A table has no samples to track a sensor by.")
+        data = without_known(data)
+        rate_hz = data.records[0].sampling_rate_hz
+        block_s = settings.block / rate_hz
+        length_s = sum(record.duration_s for record in data.records)
+        every_s = every_s or max(block_s, min(EVERY_S, length_s / MAX_ROWS_OF_RECORDS))
+        session = cls.from_result(result, rate_hz, data.quantity, every_s, settings)
+        rows, moves = known_effects(data, result.to_sensor())
+        session.effects = replace(session.effects, channel_rows=rows, channel_moves=moves)
+        return session, chunks_of(data)
 
     @property
     def changing(self) -> tuple[float, float] | None:
@@ -204,7 +241,7 @@ class TrackingSession:
             )
         )
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Fields:
         """Return the plain values of ``track.json``."""
         read = self.read()
         net = self.tracker.network
@@ -254,7 +291,7 @@ class TrackingSession:
         noise = estimate_reference_noise(self.tracker) if self.tracker.noise else None
         return noise if noise and noise.certain else None
 
-    def _noise_document(self, read: TrackedEstimate) -> dict[str, Any] | None:
+    def _noise_document(self, read: TrackedEstimate) -> Fields | None:
         """Return the entry on the reference's noise in ``track.json``, or None.
 
         It has rms and u, the shifts of parameters above their u, and whether they are corrected.

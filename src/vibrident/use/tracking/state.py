@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import binascii
 import struct
-from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 
 import numpy as np
 
 from vibrident.base.errors import InputError
+from vibrident.base.fields import NamedNumbers
 from vibrident.data.records import FloatArray
 from vibrident.use.tracking.detection import Ladder, segment_products
 from vibrident.use.tracking.network import SensorNetwork
@@ -207,8 +207,8 @@ class TrackedEstimate:
     """Parameters of a sensor at a moment."""
 
     time_s: float  # of the moment
-    values: Mapping[str, float]  # name → value
-    uncertainty: Mapping[str, float]  # name → standard uncertainty
+    values: NamedNumbers  # name → value
+    uncertainty: NamedNumbers  # name → standard uncertainty
     # of the values in the model's order, the reference's uncertainty included, shape (P, P)
     covariance: FloatArray
     # rms of the whitened residual since the last reading, response unit; NaN where nothing moved

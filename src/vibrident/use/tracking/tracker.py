@@ -10,10 +10,9 @@ and parameters that the motion does not excite keep their values.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
+from vibrident.base.fields import NamedNumbers
 from vibrident.data.records import FloatArray, Quantity
 from vibrident.data.records.basis import runs_of_true
 from vibrident.physics.models import SensorModel
@@ -51,7 +50,7 @@ class Tracker:
     def __init__(
         self,
         model: SensorModel,
-        values: Mapping[str, float],
+        values: NamedNumbers,
         covariance: FloatArray,
         sampling_rate_hz: float,
         quantity: Quantity = "acceleration",

@@ -63,7 +63,7 @@ def compare(
 
             calibration = read_guarded(files[0])
             with ProgressBar("Identifying") as progress:
-                comparison, _ = run(
+                comparison = run(
                     calibration,
                     output.path,
                     estimators=named or (),

@@ -47,9 +47,7 @@ def correct(
     ),
     rate: float | None = option("--rate", "HZ", "TABLE: sampling rate, where it has no times."),
     scale: float = option("--scale", "X", "TABLE: response unit per unit of the column.", 1.0),
-    pictures: bool = flag(
-        "--pictures/--no-pictures", help="Draw a picture (PNG) into the folder.", value=True
-    ),
+    pictures: bool = options.PICTURES,
 ) -> None:
     """Restore the acceleration from the measured response, with an uncertainty for every sample.
 

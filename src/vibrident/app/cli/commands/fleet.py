@@ -161,7 +161,7 @@ def _require_store(store: str, *, results: bool) -> None:
 def _add(store: str, outcome: Outcome, *, quiet: bool) -> None:
     """Add each result with a serial number; existing ones stay unchanged."""
     from vibrident.app.workflow.folder import load_result
-    from vibrident.lab import history
+    from vibrident.lab.histories import History
     from vibrident.show.views import count
 
     nameless = 0
@@ -175,8 +175,8 @@ def _add(store: str, outcome: Outcome, *, quiet: bool) -> None:
             else:
                 nameless += 1
 
-    with ProgressBar("Adding to the history"):
-        new = history.add(store, named())
+    with ProgressBar("Adding to the history"), History(store) as history:
+        new = history.add(named())
     if not quiet:
         print_line(f"Added to the history: {count(new, 'new result')}.")
     if nameless:

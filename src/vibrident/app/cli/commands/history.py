@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,6 +28,7 @@ from vibrident.app.cli.options import (
 )
 from vibrident.app.workflow.folder import load_result, write_json, written_whole
 from vibrident.base.errors import InputError
+from vibrident.base.fields import GivenFields
 
 if TYPE_CHECKING:
     from vibrident.result import Result
@@ -124,12 +125,12 @@ def list_sensors(
 ) -> None:
     """List the sensors, with the number of their calibrations and the dates of the first and \
 the last."""
-    from vibrident.lab.history import query, tables
+    from vibrident.lab.history import tables
     from vibrident.lab.history.document import listed
     from vibrident.show.views import count
 
     with open_store(store) as opened:
-        rows = listed(query.overviews(opened, type_name))
+        rows = listed(opened, type_name)
     _print(form, rows, lambda: [replace(tables.listed(rows), title=count(len(rows), "sensor"))])
 
 
@@ -329,7 +330,7 @@ def _print(form: str, content: Any, blocks: Callable[[], Iterable[Block | None]]
         show(*blocks())
 
 
-def _write(document: Mapping[str, Any], target: Path) -> None:
+def _write(document: GivenFields, target: Path) -> None:
     """Write the history of one sensor in the form that the file's ending names."""
     with written_whole(target.parent) as output:
         file = output.path / target.name

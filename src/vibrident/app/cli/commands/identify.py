@@ -16,6 +16,7 @@ from vibrident.app.cli.words import shell_word
 from vibrident.app.workflow.estimators import AUTO, estimator_names
 from vibrident.app.workflow.folder import written_whole
 from vibrident.app.workflow.identification import IdentifyRequest, result_folders, run
+from vibrident.base.fields import Fields
 
 _DETAILS = "Settings of an estimator"
 _detail = partial(option, panel=_DETAILS)
@@ -138,7 +139,7 @@ def identify(
     Exit codes: 0 identified; 2 bad input; 3 with --strict, a result with a warning (it is written
     all the same).
     """
-    settings: dict[str, Any] = {
+    settings: Fields = {
         "discretisation": discretisation,
         "optimiser": optimiser,
         "steps": steps,
@@ -252,7 +253,7 @@ def _note_remarks(result: Any) -> None:
         )
 
 
-def _residual_line(residual: dict[str, Any]) -> str:
+def _residual_line(residual: Fields) -> str:
     if not residual["kept"]:
         return f"Learned residual: none kept, share 0 ({residual['reason']})."
     return (
@@ -262,7 +263,7 @@ def _residual_line(residual: dict[str, Any]) -> str:
     )
 
 
-def _posterior_line(posterior: dict[str, Any]) -> str:
+def _posterior_line(posterior: Fields) -> str:
     words = (
         f"Posterior: {posterior['chains']} chains of {posterior['draws']} draws, "
         f"{posterior['sampler']}."

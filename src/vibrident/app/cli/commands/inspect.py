@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from vibrident.app.cli import options
 from vibrident.app.cli.console import note, output_console, print_line, show_rows, show_written
 from vibrident.app.cli.options import option
 from vibrident.app.workflow.folder import written_whole
 from vibrident.base.escaping import terminal as printable
+from vibrident.base.fields import Fields, NamedTexts
 
 if TYPE_CHECKING:
     from vibrident.data.interferometer.summary import OpticalSummary
@@ -113,7 +114,7 @@ def _steps(calibration: Calibration) -> list[str]:
     )
 
 
-def _describe_reading(calibration: Calibration) -> dict[str, str]:
+def _describe_reading(calibration: Calibration) -> NamedTexts:
     from vibrident.base.amounts import pretty
     from vibrident.show.numbers import sensor_name
 
@@ -128,7 +129,7 @@ def _describe_reading(calibration: Calibration) -> dict[str, str]:
     }
 
 
-def _response_rows(calibration: Calibration) -> list[dict[str, Any]]:
+def _response_rows(calibration: Calibration) -> list[Fields]:
     """Return the known response of each channel: its band, and its size and u in the middle."""
     import numpy as np
 
@@ -156,9 +157,9 @@ def _response_rows(calibration: Calibration) -> list[dict[str, Any]]:
     return rows
 
 
-def _light_row(name: str, optical: OpticalSummary) -> dict[str, Any]:
+def _light_row(name: str, optical: OpticalSummary) -> Fields:
     """Return the quality of an interferometer's signals."""
-    row: dict[str, Any] = {
+    row: Fields = {
         "record": name,
         "fringes": optical.fringes,
         "half fringes counted": optical.counted or None,
@@ -183,7 +184,7 @@ def _light_row(name: str, optical: OpticalSummary) -> dict[str, Any]:
     return row
 
 
-def _drop_empty_columns(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def _drop_empty_columns(rows: list[Fields]) -> list[Fields]:
     """Return rows without empty columns; one or two rows become properties line by line."""
     silent = [
         key for key in ("frequency / Hz", "left out") if not any(row.get(key) for row in rows)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from vibrident.app.cli import options
 from vibrident.app.cli.console import show_output, show_written
@@ -13,8 +14,10 @@ from vibrident.app.cli.options import choice, flag, option
 from vibrident.app.cli.progress import ProgressBar
 from vibrident.app.workflow.folder import load_result, written_whole
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields, NamedNumbers
 
 if TYPE_CHECKING:
+    from vibrident.app.workflow.made import TaskOutput
     from vibrident.result import Result
     from vibrident.use.planning import Recording
 
@@ -134,7 +137,7 @@ def plan(
         _predict_mounted(source, mounting_inputs, frequencies, folder)
         return
     values = _parameters(parameter or [])
-    settings: dict[str, Any] = {
+    settings: Fields = {
         "frequencies_hz": options.frequencies(frequencies),
         "recording": _recording(
             rate, samples, response_noise, response_noise_rms, reference_noise, reference_noise_rms
@@ -158,18 +161,25 @@ def plan(
     from vibrident.app.workflow.uses import write_plan
 
     prediction = describe(planned)
+    _show(prediction, partial(write_plan, planned), folder, "plan.png")
+
+
+def _show(
+    prediction: TaskOutput, write: Callable[[Path], None], folder: Path | None, picture: str
+) -> None:
+    """Show a prediction; write it, and its picture, where a folder is given."""
     show_output(prediction)
     if folder is not None:
         from vibrident.show import plots
 
         with written_whole(folder) as output:
-            write_plan(planned, output.path)
-            plots.save(prediction.figures[0], output.path / "plan.png")
+            write(output.path)
+            plots.save(prediction.figures[0], output.path / picture)
         show_written(output.files)
 
 
 def _predict_mounted(
-    source: Path | None, mounting: dict[str, float], frequencies: str | None, folder: Path | None
+    source: Path | None, mounting: NamedNumbers, frequencies: str | None, folder: Path | None
 ) -> None:
     """Show the sensitivity on another mounting, and write it where a folder is given."""
     if source is None:
@@ -187,17 +197,10 @@ def _predict_mounted(
     at_hz = options.frequencies(frequencies)
     mounted = predict_mounted(result, frequencies_hz=at_hz, **mounting)
     prediction = describe_mounted(result, mounted)
-    show_output(prediction)
-    if folder is not None:
-        from vibrident.show import plots
-
-        with written_whole(folder) as output:
-            write_mounted(mounted, output.path)
-            plots.save(prediction.figures[0], output.path / "mounting.png")
-        show_written(output.files)
+    _show(prediction, partial(write_mounted, mounted), folder, "mounting.png")
 
 
-def _planned_for(model: str | None, source: Path | None, values: dict[str, float]) -> str | Result:
+def _planned_for(model: str | None, source: Path | None, values: NamedNumbers) -> str | Result:
     if (source is None) == (model is None) or (source is not None and values):
         raise InputError(
             "No sensor, or more than one, is given to plan for.",
@@ -209,7 +212,7 @@ def _planned_for(model: str | None, source: Path | None, values: dict[str, float
     return load_result(source) if source is not None else str(model)
 
 
-def _parameters(texts: list[str]) -> dict[str, float]:
+def _parameters(texts: list[str]) -> NamedNumbers:
     values = {}
     for name, number in options.pairs("--parameter", texts, "delay=1e-5").items():
         try:

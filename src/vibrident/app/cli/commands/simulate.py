@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from vibrident.app.cli import options
 from vibrident.app.cli.console import print_line, show_written
@@ -14,6 +14,7 @@ from vibrident.app.cli.progress import ProgressBar
 from vibrident.app.workflow.folder import refuse_filled_folder, written_whole
 from vibrident.app.workflow.simulated import write
 from vibrident.base.errors import unknown
+from vibrident.base.fields import Fields
 
 if TYPE_CHECKING:
     from vibrident.physics.simulation.optics import Optics
@@ -115,7 +116,7 @@ def simulate(
 ) -> None:
     """Simulate a calibration: records, calibration.toml for identify, and truth.json."""
     refuse_filled_folder(folder, force=force)
-    settings: dict[str, Any] = {
+    settings: Fields = {
         "sampling_rate_hz": rate,
         "samples": samples,
         "frequencies_hz": options.frequencies(frequencies),
@@ -152,7 +153,7 @@ def _write_light(
     excitation: str,
     kind: str,
     optics: str | None,
-    settings: dict[str, Any],
+    settings: Fields,
 ) -> None:
     """Write a simulated calibration with an interferometer's raw signals, and its truth."""
     from vibrident.app.workflow.simulated import write_truth
@@ -186,14 +187,14 @@ def _optics(kind: str, text: str | None, rate_hz: float, seed: int) -> Optics:
     cyclic = tuple(faults.pop(f"cyclic{order}", 0.0) for order in (1, 2, 4))
     if (hidden := faults.pop("hidden-delay", None)) is not None:
         faults |= {"delay": hidden, "hidden_delay": True}
-    values: dict[str, Any] = {_FIELDS.get(key, key): value for key, value in faults.items()}
+    values: Fields = {_FIELDS.get(key, key): value for key, value in faults.items()}
     for key in {"bits", "dropouts"} & values.keys():
         values[key] = int(values[key])
     return drawn(replace(Optics(setting), cyclic_rad=cyclic, **values), seed)
 
 
-def _read_faults(text: str | None) -> dict[str, Any]:
-    faults: dict[str, Any] = {}
+def _read_faults(text: str | None) -> Fields:
+    faults: Fields = {}
     for item in (text or "").split(","):
         if not item.strip():
             continue

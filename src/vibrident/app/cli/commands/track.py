@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vibrident.app.cli import options
 from vibrident.app.cli.console import note, output_console, show_output, show_written
 from vibrident.app.cli.options import between, flag, option
-from vibrident.app.workflow.made import ProgressReporter
 from vibrident.app.workflow.tracking import RECORDS
 from vibrident.base.errors import InputError
+from vibrident.base.fields import NamedTexts
+from vibrident.base.progress import ProgressReporter
 from vibrident.use.tracking import DRIFT_PER_YEAR, EVERY_S, FALSE_ALARMS_PER_DAY
 
 if TYPE_CHECKING:
@@ -59,9 +60,7 @@ def track(
         "History of the sensor, by whose random walk u grows.",
         default=f"{DRIFT_PER_YEAR:.0%} a year",
     ),
-    pictures: bool = flag(
-        "--pictures/--no-pictures", help="Draw a picture (PNG) into the folder.", value=True
-    ),
+    pictures: bool = options.PICTURES,
 ) -> None:
     """Keep a sensor's parameters up to date, with their uncertainties, and say when the sensor \
 changes.
@@ -71,12 +70,21 @@ changes.
     sensor as it is now in result.json, for other commands.
     """
     name, address = _one_source(follow=follow, stdin=stdin, source=source)
-    from vibrident.app.workflow.tracked import TrackRequest
     from vibrident.app.workflow.tracked import track as run
 
-    request = TrackRequest(result, calibration, folder, name, address, idle, every, rate, store)
     with _live_table() as progress:
-        output, written = run(request, progress)
+        output, written = run(
+            result,
+            calibration,
+            folder,
+            source=name,
+            address=address,
+            idle_s=idle,
+            every_s=every,
+            false_alarms_per_day=rate,
+            store=store,
+            progress=progress,
+        )
     show_output(output)
     if pictures:
         from vibrident.show import plots
@@ -112,7 +120,7 @@ class LiveTable(ProgressReporter):
         """Say a remark in a line of its own."""
         note(words)
 
-    def estimate(self, row: TrackedEstimate, units: Mapping[str, str]) -> None:
+    def estimate(self, row: TrackedEstimate, units: NamedTexts) -> None:
         """Renew the table."""
         if self._live is None:
             return

@@ -18,6 +18,7 @@ from vibrident.app.web.state import NamedResult
 from vibrident.app.web.user import User
 from vibrident.app.web.words import LABELS
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields, GivenFields
 from vibrident.data.io.calibration_file import SensorSection
 from vibrident.data.io.certificate import (
     CertificateData,
@@ -46,17 +47,17 @@ class CertificateForm:
     ``parameters``.
     """
 
-    def __init__(self, user: User, named: NamedResult, states: Mapping[str, Any]) -> None:
+    def __init__(self, user: User, named: NamedResult, states: GivenFields) -> None:
         self.user = user
         self.named = named
         self.states = states
         self._apply_profile()
-        self.entries: dict[str, Any] = {}
-        self.sensor_entries: dict[str, Any] = {}
+        self.entries: Fields = {}
+        self.sensor_entries: Fields = {}
 
     def _apply_profile(self) -> None:
         """State what the chosen profile states, for a result that was made here."""
-        if self.named.stated is None and self.named.choices is not None and self.user.profile:
+        if self.named.stated is None and self.named.request is not None and self.user.profile:
             result_keys = self.states["certificate"]
             from_profile = {
                 key: v for key, v in self._read_profile().items() if key not in result_keys
@@ -92,7 +93,7 @@ class CertificateForm:
         certificate, sensor = self._statements()
         return name_of_sensor(name, sensor, certificate)
 
-    def _statements(self) -> tuple[dict[str, Any], dict[str, Any]]:
+    def _statements(self) -> tuple[Fields, Fields]:
         statements = self.named.stated or CertificateData()
         return {**self.states["certificate"], **statements.certificate}, {
             **self.states["sensor"],
@@ -141,7 +142,7 @@ class CertificateForm:
             self.errors = frame.add_error_area()
 
     def _build_group(
-        self, title: str, fields: Sequence[FormField], given_values: Mapping[str, Any]
+        self, title: str, fields: Sequence[FormField], given_values: GivenFields
     ) -> None:
         """Build the entries below a heading of the certificate."""
         lists = {field.key: field for field in fields if _KEYS[field.key].kind == "entries"}
@@ -178,7 +179,7 @@ class CertificateForm:
             label = translate("Before adjustment")
             self.before = ui.select(choices, value=value, label=label).props(PLAIN)
 
-    def _read_profile(self) -> dict[str, Any]:
+    def _read_profile(self) -> Fields:
         """Return what the chosen profile states."""
         with suppress(InputError):  # said where the profile is chosen
             return dict(self.user.users.laboratories.read(self.user.profile)["certificate"])
@@ -210,18 +211,15 @@ class CertificateForm:
         return CertificateData(certificate, sensor, before=before)
 
     async def _save(self) -> bool:
-        self.errors.clear()
         self.status.text = ""
-        try:
+        with frame.reporting(self.errors, self.user):
             self.user.require("identify", "state what a certificate says")
             self.named.stated = self._read_form()
-        except Exception as error:
-            frame.show_error(self.errors, error, self.user.session)
-            return False
-        self.user.changed()
-        self._show_missing()
-        self.status.text = translate("Saved: reports and exports of this result state it.")
-        return True
+            self.user.changed()
+            self._show_missing()
+            self.status.text = translate("Saved: reports and exports of this result state it.")
+            return True
+        return False
 
     async def _save_file(self) -> None:
         if await self._save():

@@ -40,6 +40,7 @@ from vibrident.app.web.session import CALIBRATION
 from vibrident.app.web.state import ConfirmedCalibration, Form
 from vibrident.app.web.user import User
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields
 from vibrident.physics.models import ADD_ONS, CORES
 
 #: Sections that share the heading of the first one.
@@ -129,9 +130,8 @@ class ColumnsStep:
                 await self._build_form()
             else:
                 self._show_calibration_file(name, text)
-                await frame.run_sandboxed(
-                    self.user, self.errors, require_readable, session.data, name
-                )
+                with frame.reporting(self.errors, self.user):
+                    await self.user.run_sandboxed(require_readable, session.data, name)
             return True
         return False
 
@@ -176,14 +176,11 @@ class ColumnsStep:
                     translate("Edit"), lambda: self._show_editor(name, text), "outline id=edit-text"
                 )
 
+    @frame.reported
     def _edit_as_text(self) -> None:
         """Edit the form as a calibration file, which can state more than the form asks."""
-        self.errors.clear()
-        try:
-            text = calibration_text(self.form.description, self.user.session.files)
-            self._show_editor(CALIBRATION, text)
-        except Exception as error:
-            frame.show_error(self.errors, error, self.user.session)
+        text = calibration_text(self.form.description, self.user.session.files)
+        self._show_editor(CALIBRATION, text)
 
     def _show_editor(self, name: str, text: str) -> None:
         """Replace the content by an editor of a calibration file."""
@@ -199,7 +196,7 @@ class ColumnsStep:
     async def _build_form(self) -> None:
         assert self.user.form is not None
         self.form = form = self.user.form
-        self.elements: dict[str, Any] = {}
+        self.elements: Fields = {}
         self.groups: list[tuple[ui.element, list[str]]] = []
         first_file = self.user.session.files[0]
         frame.hint(translate(_GUESSED_AGAIN if form.touched else _GUESSED, file=first_file))
@@ -357,7 +354,6 @@ class ColumnsStep:
         self._update_visibility()
 
     async def _draw_columns(self) -> None:
-        self.errors.clear()
         container = self.plot
         figure = await self._run_on_form(draw_chart, self.errors, page_language().code)
         if figure is not None and container is self.plot and not container.is_deleted:
@@ -367,7 +363,6 @@ class ColumnsStep:
     async def _show_faults(self) -> None:
         """Show what an identification would refuse in each file."""
         container = self.faults
-        container.clear()
         faults = await self._run_on_form(find_faults, container)
         if faults and not container.is_deleted:
             errors = [InputError(**fields) for fields in faults]
@@ -381,21 +376,17 @@ class ColumnsStep:
         session = self.user.session
         if form is None:
             return None
-        return await frame.run_sandboxed(
-            self.user, errors, function, form.description, session.data, session.files, *arguments
-        )
+        with frame.reporting(errors, self.user):
+            return await self.user.run_sandboxed(
+                function, form.description, session.data, session.files, *arguments
+            )
 
+    @frame.reported
     async def _confirm(self) -> None:
-        self.errors.clear()
         form = self.user.form
-        session = self.user.session
         if form is None:
             return
-        try:
-            calibration_text(form.description, session.files)
-        except InputError as error:
-            frame.show_error(self.errors, error, session)
-            return
+        calibration_text(form.description, self.user.session.files)
         await self.fit.show(ConfirmedCalibration(CALIBRATION, from_form=True))
         if self.laboratory.states_nothing:
             frame.scroll_to(self.laboratory.section)

@@ -9,6 +9,7 @@ from typing import Any
 
 from vibrident.app.web.language import phrase
 from vibrident.base.errors import InputError
+from vibrident.base.fields import Fields
 from vibrident.data.io.calibration_file import CalibrationFile, checked_calibration
 from vibrident.data.io.guess import Columns
 from vibrident.data.io.keys import Key, keys_of
@@ -70,10 +71,10 @@ class Description:
     differs there.
     """
 
-    document: dict[str, Any] = field(default_factory=dict)
+    document: Fields = field(default_factory=dict)
     table: bool = False
     optical_part: str = ""
-    different: list[dict[str, Any]] = field(default_factory=list)
+    different: list[Fields] = field(default_factory=list)
 
     def get(self, path: str) -> Any:
         """Return the value of ``section.key``, of a place in its list, or of a list of entries."""
@@ -211,7 +212,7 @@ def _document(description: Description, files: Sequence[str]) -> Iterator[tuple[
             yield section, filled
 
 
-def _known_responses(description: Description, section: str) -> dict[str, Any]:
+def _known_responses(description: Description, section: str) -> Fields:
     """Return the known responses of a channel; refused where one says nothing."""
     path = f"{section}.known_response"
     entries = description.get(path) if path in KNOWN_RESPONSES else None
@@ -226,7 +227,7 @@ def _known_responses(description: Description, section: str) -> dict[str, Any]:
     return {"known_response": entries}
 
 
-def _require_filled(section: str, number: int, entry: dict[str, Any]) -> None:
+def _require_filled(section: str, number: int, entry: Fields) -> None:
     """Refuse an entry that lacks what it must have, in the words of the form."""
     for key in ENTRIES[section]:
         path = f"{section}.{key.name}"
@@ -239,7 +240,7 @@ def _require_filled(section: str, number: int, entry: dict[str, Any]) -> None:
                 raise _form_error(problem, key.expected, "nothing", "fill it in, or remove the row")
 
 
-def _filled(description: Description, section: str) -> dict[str, Any]:
+def _filled(description: Description, section: str) -> Fields:
     """Return the keys of a section that apply; refused where one is empty that may not be."""
     filled = {}
     for key in ENTRIES[section]:

@@ -11,6 +11,7 @@ from nicegui import events, ui
 from vibrident.app.web import frame
 from vibrident.app.web.form.sources import BANDS, bands_of, table_of
 from vibrident.app.web.language import page_language, phrase, translate
+from vibrident.base.fields import Fields, GivenFields
 from vibrident.data.io.keys import Key
 
 PLAIN = "dense outlined stack-label"  # the style of all entries
@@ -90,30 +91,33 @@ class RowEntries:
         self,
         name: str,
         keys: Sequence[Key],
-        values: Sequence[Mapping[str, Any]],
+        values: Sequence[GivenFields],
         *,
         options: Mapping[str, Mapping[Any, str]] | None = None,
         rare: Collection[str] = (),
         on_change: Callable[[], Any] = lambda: None,
-        to_form: Callable[[Mapping[str, Any]], Mapping[str, Any]] = dict,
-        to_file: Callable[[Mapping[str, Any]], dict[str, Any]] = dict,
+        applies: Callable[[Key, GivenFields], bool] = Key.applies,
+        to_form: Callable[[GivenFields], GivenFields] = dict,
+        to_file: Callable[[GivenFields], Fields] = dict,
     ) -> None:
         """Build the rows of ``values``; each is called ``name``, in English, and its number.
 
         ``options``: key → value → words, before its own; ``rare``: keys that are shown where
-        somebody has stated one, or wants them all; ``to_form``: converts an entry of the
+        somebody has stated one, or wants them all; ``applies``: says whether a key has a meaning
+        beside the values of the others; ``to_form``: converts an entry of the
         file to a row of the form, ``to_file``: the way back.
         """
         self.name = name
         self.options = options or {}
         self.on_change = on_change
+        self.applies = applies
         noun = translate(name.lower())
         self.to_form = to_form
         self.to_file = to_file
         self.keys = {key.name: key for key in keys}
         self.rare = {key for key in rare if key in self.keys}
         self.with_all = any(self.rare & {*value} for value in values)
-        self.rows: list[dict[str, Any]] = []
+        self.rows: list[Fields] = []
         self.rows_element = ui.element("div").classes("w-full")
         for value in values:
             self.add(self.to_form(value))
@@ -136,9 +140,9 @@ class RowEntries:
         for row in self.rows:
             self._fit(row)
 
-    def add(self, value: Mapping[str, Any]) -> None:
+    def add(self, value: GivenFields) -> None:
         """Add a row."""
-        row: dict[str, Any] = {}
+        row: Fields = {}
         number = len(self.rows) + 1
         usual = {name: key.default for name, key in self.keys.items() if key.default is not ...}
         with self.rows_element, frame.add_group(f"{translate(self.name)} {number}", 0) as group:
@@ -158,39 +162,41 @@ class RowEntries:
         self.rows.append(row)
         self._fit(row)
 
-    def _edited(self, row: Mapping[str, Any]) -> None:
+    def _edited(self, row: GivenFields) -> None:
         self._fit(row)
         self.on_change()
 
-    def _fit(self, row: Mapping[str, Any]) -> None:
+    def _fit(self, row: GivenFields) -> None:
         """Show the keys that apply beside the others, in their units."""
         entered = {name: element.value for name, element in row.items()}
         for name, key in self.keys.items():
-            row[name].visible = key.applies(entered) and (self.with_all or name not in self.rare)
+            row[name].visible = self.applies(key, entered) and (
+                self.with_all or name not in self.rare
+            )
             if key.in_form_by is not None:
                 _show_unit(row[name], key.asked_in(entered)[0])
 
-    def _remove(self, row: dict[str, Any]) -> None:
+    def _remove(self, row: Fields) -> None:
         self.rows.remove(row)
         next(iter(row.values())).parent_slot.parent.delete()
         self.on_change()
 
     @property
-    def value(self) -> list[dict[str, Any]]:
+    def value(self) -> list[Fields]:
         """Return the rows that are filled in, with the keys that apply."""
         return [row for row in map(self.to_file, map(self._value, self.rows)) if row]
 
-    def _value(self, row: Mapping[str, Any]) -> dict[str, Any]:
+    def _value(self, row: GivenFields) -> Fields:
         entered = {name: element.value for name, element in row.items()}
         values = {}
         for name, key in self.keys.items():
             value = filled(key, entered[name], key.asked_in(entered))
-            if key.applies(entered) and value not in (None, key.default):
+            if self.applies(key, entered) and value not in (None, key.default):
                 values[name] = value
         return values
 
 
-def entered(elements: Mapping[str, Any], keys: Mapping[str, Key]) -> dict[str, Any]:
+def entered(elements: GivenFields, keys: Mapping[str, Key]) -> Fields:
     """Return what is filled in, by key, as a file holds it; rows for a list of entries."""
     values = {
         name: element.value
@@ -227,7 +233,7 @@ class BandEntries(RowEntries):
         """Return the table, its values in the unit in which they were asked for."""
         return table_of(super().value)
 
-    def add(self, value: Mapping[str, Any]) -> None:
+    def add(self, value: GivenFields) -> None:
         """Add a band."""
         super().add(value)
         _show_unit(self, self.unit)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import PurePath
 from typing import Any
 
@@ -19,7 +19,9 @@ from vibrident.app.web.form.entries import RowEntries
 from vibrident.app.web.language import phrase, translate
 from vibrident.app.web.session import MEGABYTE, RESPONSE_ENDINGS
 from vibrident.app.web.user import User
-from vibrident.data.io.keys import Key
+from vibrident.base.fields import Fields, GivenFields
+from vibrident.data.io.keys import Key, keys_of
+from vibrident.data.io.known_section import KnownResponseEntry
 
 _FILE = "file"
 _CORNERS = "corners"
@@ -31,74 +33,55 @@ _TITLES = {
     "reference": phrase("Known responses of the reference's channel"),
     "response": phrase("Known responses of the response's channel"),
 }
-_UNIT = ("%", 100.0)
 _K = 2.0  # coverage factor that is usual
+#: Keys of a table, and of corners; the others hold for both ways.
+_OF_TABLES = (
+    *("frequency", "magnitude", "phase", "phase_unit"),
+    *("magnitude_uncertainty", "phase_uncertainty", "coverage_factor"),
+)
+_OF_CORNERS = ("highpass_hz", "lowpass_hz", "gain", "corner_uncertainty")
+_HZ: GivenFields = {"kind": "number", "in_form": ("Hz", 1.0)}
+_PERCENT: GivenFields = {"in_form": ("%", 100.0)}
+#: Key → its words in the form, and what differs from the file there.
+_ASKED: Mapping[str, tuple[str, GivenFields]] = {
+    "file": (phrase("File"), {"kind": "choice"}),
+    "frequency": (phrase("Frequency: column"), {}),
+    "magnitude": (phrase("Magnitude: column"), {}),
+    "phase": (phrase("Phase: column"), {}),
+    "phase_unit": (phrase("Unit of the phase"), {}),
+    "magnitude_uncertainty": (phrase("U of the magnitude: column"), {}),
+    "phase_uncertainty": (phrase("U of the phase: column"), {}),
+    "coverage_factor": (phrase("k of these U"), {"default": _K}),
+    "highpass_hz": (phrase("High-pass corner"), _HZ),
+    "lowpass_hz": (phrase("Low-pass corner"), _HZ),
+    "gain": (phrase("Gain between the corners"), {}),
+    "corner_uncertainty": (phrase("u of the corners, relative"), _PERCENT),
+    "unit": (phrase("Unit, such as V/(m/s^2)"), {}),
+    "standard_uncertainty": (phrase("u of the magnitude, relative"), _PERCENT),
+}
+_FILE_KEYS = keys_of(KnownResponseEntry)
+KEYS = [
+    Key("stated_as", _FILE, "choice", _WAYS, None, "", phrase("Stated")),
+    *(replace(_FILE_KEYS[name], title=words, **more) for name, (words, more) in _ASKED.items()),
+]
 
 
-@dataclass(frozen=True)
-class KnownKey(Key):
-    """A key of one way to state a response, or of files that are tables."""
-
-    way: str = ""
-    of_tables: bool = False
-
-    def applies(self, row: Mapping[str, Any]) -> bool:
-        """Return whether the key has a meaning beside the values of the others."""
-        file = str(row.get("file") or "")
-        table = bool(file) and PurePath(file).suffix.lower() not in (".json", *RESPONSE_ENDINGS)
-        stated_as = row.get("stated_as") or _FILE
-        return self.way in ("", stated_as) and (table or not self.of_tables)
+def applies(key: Key, row: GivenFields) -> bool:
+    """Return whether a key has a meaning beside the values of the others."""
+    is_in_file = (row.get("stated_as") or _FILE) == _FILE
+    if key.name in _OF_TABLES:
+        file = PurePath(row.get("file") or "x.json")
+        return is_in_file and file.suffix.lower() not in (".json", *RESPONSE_ENDINGS)
+    return is_in_file if key.name == "file" else key.name not in _OF_CORNERS or not is_in_file
 
 
-def _keys() -> list[Key]:
-    def column(name: str, title: str) -> Key:
-        return KnownKey(name, None, "column", {}, None, "", title, way=_FILE, of_tables=True)
-
-    def number(name: str, title: str, way: str = "", usual: Any = None, **fields: Any) -> Key:
-        return KnownKey(name, usual, "number", {}, None, "", title, way=way, **fields)
-
-    hz: dict[str, Any] = {"in_form": ("Hz", 1.0)}
-    percent: dict[str, Any] = {"in_form": _UNIT}
-    degrees = {"deg": "deg", "rad": "rad"}
-    return [
-        KnownKey("stated_as", _FILE, "choice", _WAYS, None, "", phrase("Stated")),
-        KnownKey("file", None, "choice", {}, None, "", phrase("File"), way=_FILE),
-        column("frequency", phrase("Frequency: column")),
-        column("magnitude", phrase("Magnitude: column")),
-        column("phase", phrase("Phase: column")),
-        KnownKey(
-            "phase_unit",
-            "deg",
-            "choice",
-            degrees,
-            None,
-            "",
-            phrase("Unit of the phase"),
-            way=_FILE,
-            of_tables=True,
-        ),
-        column("magnitude_uncertainty", phrase("U of the magnitude: column")),
-        column("phase_uncertainty", phrase("U of the phase: column")),
-        number("coverage_factor", phrase("k of these U"), _FILE, _K, of_tables=True),
-        number("highpass_hz", phrase("High-pass corner"), _CORNERS, **hz),
-        number("lowpass_hz", phrase("Low-pass corner"), _CORNERS, **hz),
-        number("gain", phrase("Gain between the corners"), _CORNERS),
-        number("corner_uncertainty", phrase("u of the corners, relative"), _CORNERS, **percent),
-        KnownKey("unit", None, "text", {}, None, "", phrase("Unit, such as V/(m/s^2)")),
-        number("standard_uncertainty", phrase("u of the magnitude, relative"), **percent),
-    ]
-
-
-KEYS = _keys()
-
-
-def row_of_entry(entry: Mapping[str, Any]) -> dict[str, Any]:
+def row_of_entry(entry: GivenFields) -> Fields:
     """Return an entry of the file as the form asks for it."""
     corners = {name: entry[name][0] for name in ("highpass_hz", "lowpass_hz") if entry.get(name)}
     return {"stated_as": _CORNERS if corners else _FILE, **entry, **corners}
 
 
-def entry_of_row(row: Mapping[str, Any]) -> dict[str, Any]:
+def entry_of_row(row: GivenFields) -> Fields:
     """Return a filled row as the file states it; a corner is a list there, and k is stated."""
     entry = {name: value for name, value in row.items() if name != "stated_as"}
     if {"magnitude_uncertainty", "phase_uncertainty"} & {*entry}:
@@ -147,6 +130,7 @@ class KnownResponses:
             KEYS,
             form.get(path) or [],
             options={"file": self.offered_files},
+            applies=applies,
             to_form=row_of_entry,
             to_file=entry_of_row,
         )
@@ -163,10 +147,9 @@ class KnownResponses:
 
     def _take_rows(self, path: str, rows: RowEntries) -> None:
         """Set the form's entries to the rows; copy a chosen result beside the records."""
-        self.errors.clear()
         entries = rows.value
         session = self.user.session
-        try:
+        with frame.reporting(self.errors, self.user):
             for named in self.user.results:
                 file = _result_file(named.path)
                 has_result = any(entry.get("file") == file for entry in entries)
@@ -175,8 +158,6 @@ class KnownResponses:
                     target = session.reserve_path(file, size, is_response=True)
                     shutil.copyfile(named.path, target)
                     self.list_files()
-        except Exception as error:
-            frame.show_error(self.errors, error, session)
         self.set_value(path, entries)
 
     def _build_upload(self) -> None:
@@ -194,15 +175,10 @@ class KnownResponses:
         choose = translate("Choose files of known responses")
         frame.name_upload(upload, choose, label.partition(":")[0])
 
+    @frame.reported
     async def _take_file(self, event: events.UploadEventArguments) -> None:
-        session = self.user.session
-        self.errors.clear()
-        try:
-            self.user.require("identify", "upload data")
-            await session.save_upload(event.file, is_response=True)
-        except Exception as error:
-            frame.show_error(self.errors, error, session)
-            return
+        self.user.require("identify", "upload data")
+        await self.user.session.save_upload(event.file, is_response=True)
         self.list_files()
         for rows in self.rows.values():
             rows.offer("file", self.offered_files)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 from nicegui import events, ui
 
@@ -13,10 +12,11 @@ from vibrident.app.web import frame
 from vibrident.app.web.fit import FitStep
 from vibrident.app.web.form.description import ENTRIES, ENTRY_NAMES, SECTIONS
 from vibrident.app.web.form.entries import PLAIN, RowEntries, entered, entry
-from vibrident.app.web.form.sources import entry_in_file, entry_in_form, source_keys
+from vibrident.app.web.form.sources import applies, entry_in_file, entry_in_form, source_keys
 from vibrident.app.web.laboratories import LABORATORY_FILES, MAX_LABORATORY_FILE_BYTES
 from vibrident.app.web.language import page_language, phrase, translate
 from vibrident.app.web.user import User
+from vibrident.base.fields import Fields, GivenFields
 from vibrident.data.io.certificate import CertificateSection
 from vibrident.data.io.keys import keys_of
 from vibrident.data.io.laboratory import LABORATORY_KEYS
@@ -27,30 +27,16 @@ _KEYS = keys_of(CertificateSection)
 _LISTS = ("uncertainty", "cmc")
 
 
-class LaboratoryFileLabels(NamedTuple):
-    """Labels of one of the laboratory's own files, and its accepted endings."""
-
-    label: str
-    choose: str
-    stored: str
-    remove: str
-    endings: str
-
-
+#: File of a laboratory → label and button of its upload, what is said of one that is here, the
+#: button that removes it, and the endings that are accepted.
 _FILE_LABELS = {
-    "logo": LaboratoryFileLabels(
-        phrase("Logo: PNG, JPEG or SVG"),
-        phrase("Choose the logo"),
-        phrase("The logo is here."),
-        phrase("Remove the logo"),
-        ".png,.jpg,.jpeg,.svg",
+    "logo": (
+        *(phrase("Logo: PNG, JPEG or SVG"), phrase("Choose the logo")),
+        *(phrase("The logo is here."), phrase("Remove the logo"), ".png,.jpg,.jpeg,.svg"),
     ),
-    "template": LaboratoryFileLabels(
-        phrase("Template: a typst file in place of ours"),
-        phrase("Choose the template"),
-        phrase("The template is here."),
-        phrase("Remove the template"),
-        ".typ",
+    "template": (
+        *(phrase("Template: a typst file in place of ours"), phrase("Choose the template")),
+        *(phrase("The template is here."), phrase("Remove the template"), ".typ"),
     ),
 }
 _SOON_DAYS = 30  # days before an instrument is due from which it is named
@@ -95,7 +81,7 @@ class LaboratoryStep:
             self._build_laboratory(profile["certificate"])
             self._build_buttons()
 
-    def _read_profile(self) -> dict[str, Any]:
+    def _read_profile(self) -> Fields:
         laboratories = self.user.users.laboratories
         try:
             return laboratories.read(self.user.profile)
@@ -103,7 +89,7 @@ class LaboratoryStep:
             frame.show_error(self.errors, error, self.user.session)
             return laboratories.read("")
 
-    def _apply_profile(self, profile: Mapping[str, Any]) -> None:
+    def _apply_profile(self, profile: GivenFields) -> None:
         """Set the form's lists to the profile's, unless the user has changed them."""
         if (columns_form := self.user.applicable_form) is None or not self.user.profile:
             return
@@ -161,7 +147,7 @@ class LaboratoryStep:
                 due = translate("{name}: to be calibrated by {date}.", name=name, date=date)
                 frame.hint(due)
 
-    def _build_sources(self, profile: Mapping[str, Any]) -> None:
+    def _build_sources(self, profile: GivenFields) -> None:
         """Build the lists of the form; without one, those of the profile."""
         columns_form = self.user.applicable_form
         if self.user.session.names and columns_form is None:
@@ -174,11 +160,11 @@ class LaboratoryStep:
             with ui.element("div").classes("w-full").props(f"id={name}"):
                 frame.heading(translate(SECTIONS[name].label))
                 keys = ENTRIES[name]
-                conversion: dict[str, Any] = {}
+                conversion: Fields = {}
                 if name == "uncertainty":
                     keys = source_keys()
                     conversion = {"to_form": entry_in_form, "to_file": entry_in_file}
-                    conversion["rare"] = ("from_c", "to_c")
+                    conversion |= {"applies": applies, "rare": ("from_c", "to_c")}
                 rows = RowEntries(ENTRY_NAMES[name], keys, values, **conversion)
                 rows.on_change = lambda name=name, rows=rows: self._set_list(name, rows.value)
             self.lists[name] = rows
@@ -190,9 +176,9 @@ class LaboratoryStep:
         self.user.changed()
         self.fit.refresh()
 
-    def _build_laboratory(self, values: Mapping[str, Any]) -> None:
+    def _build_laboratory(self, values: GivenFields) -> None:
         """Build the entries that all certificates of a laboratory share."""
-        self.entries: dict[str, Any] = {}
+        self.entries: Fields = {}
         expansion = ui.expansion(translate("Name, address, instruments, logo")).classes("w-full")
         expansion.props("id=laboratory-data")
         fields = {
@@ -214,7 +200,8 @@ class LaboratoryStep:
 
     def _build_file_choice(self, kind: str) -> None:
         """Build the upload of one of the laboratory's own files, and a button to remove it."""
-        words = _FILE_LABELS[kind]
+        *words, endings = _FILE_LABELS[kind]
+        label, choose, stored, remove_label = map(translate, words)
 
         async def keep(event: events.UploadEventArguments) -> None:
             self.user.session.keep_laboratory_file(kind, await event.file.read())
@@ -226,17 +213,17 @@ class LaboratoryStep:
 
         with ui.element("div"):
             upload = ui.upload(
-                label=translate(words.label),
+                label=label,
                 auto_upload=True,
                 max_file_size=MAX_LABORATORY_FILE_BYTES,
                 on_upload=keep,
             )
-            frame.style_upload(upload).props(f'accept="{words.endings}"')
+            frame.style_upload(upload).props(f'accept="{endings}"')
             with frame.actions() as stored_row:
-                frame.hint(translate(words.stored)).props("role=status")
-                frame.add_button(translate(words.remove), remove, "flat")
+                frame.hint(stored).props("role=status")
+                frame.add_button(remove_label, remove, "flat")
             stored_row.visible = self.user.session.laboratory_file(kind) is not None
-        frame.name_upload(upload, translate(words.choose), translate(words.label).partition(":")[0])
+        frame.name_upload(upload, choose, label.partition(":")[0])
 
     def _build_buttons(self) -> None:
         with frame.actions():
@@ -250,40 +237,29 @@ class LaboratoryStep:
                 )
         self.status = frame.hint("").props("role=status id=profile-said")
 
+    @frame.reported
     async def _save(self) -> None:
         user = self.user
-        laboratories = self.user.users.laboratories
-        self.errors.clear()
-        try:
-            user.require("identify", "change a laboratory's profile")
-            certificate = entered(self.entries, _KEYS)
-            lists = {name: rows.value for name, rows in self.lists.items()}
-            paths = {kind: user.session.laboratory_file(kind) for kind in LABORATORY_FILES}
-            files = {kind: path.read_bytes() for kind, path in paths.items() if path is not None}
-            profile_name = (self.name.value or "").strip() or str(
-                certificate.get("laboratory") or ""
-            )
-            user.profile = laboratories.write(
-                profile_name, {"certificate": certificate, **lists}, files
-            )
-            await user.note("saved a laboratory's profile", name=user.profile)
-        except Exception as error:
-            frame.show_error(self.errors, error, user.session)
-            return
+        user.require("identify", "change a laboratory's profile")
+        certificate = entered(self.entries, _KEYS)
+        lists = {name: rows.value for name, rows in self.lists.items()}
+        paths = {kind: user.session.laboratory_file(kind) for kind in LABORATORY_FILES}
+        files = {kind: path.read_bytes() for kind, path in paths.items() if path is not None}
+        profile_name = (self.name.value or "").strip() or str(certificate.get("laboratory") or "")
+        profile = {"certificate": certificate, **lists}
+        user.profile = user.users.laboratories.write(profile_name, profile, files)
+        await user.note("saved a laboratory's profile", name=user.profile)
         user.changed()
         name = user.profile
         self.show()
         message = "Saved as “{name}”: new calibrations and certificates begin with it."
         self.status.text = translate(message, name=name)
 
+    @frame.reported
     async def _remove(self) -> None:
-        try:
-            self.user.require("identify", "remove a laboratory's profile")
-            self.user.users.laboratories.remove(self.user.profile)
-            await self.user.note("removed a laboratory's profile", name=self.user.profile)
-        except Exception as error:
-            frame.show_error(self.errors, error, self.user.session)
-            return
+        self.user.require("identify", "remove a laboratory's profile")
+        self.user.users.laboratories.remove(self.user.profile)
+        await self.user.note("removed a laboratory's profile", name=self.user.profile)
         self.user.profile = ""
         self.user.changed()
         self.show()

@@ -5,12 +5,13 @@ The calibration file knows u, and a table over frequency; a form fills these in.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from vibrident.app.web.form.description import ENTRIES
 from vibrident.app.web.language import phrase
+from vibrident.base.fields import Fields, GivenFields, NamedNumbers
 from vibrident.data.io.keys import Key
 
 _EDGE = 1e-9  # relative distance of two rows at the edge between bands, which rise so
@@ -30,48 +31,48 @@ BANDS = (
 )
 
 
-@dataclass(frozen=True)
-class SourceKey(Key):
-    """A key that holds for some of the ways in which a source is stated."""
+#: Key → the ways of stating a source in which it holds; the others hold in all.
+_WAYS_OF = {
+    "standard_uncertainty": ("u",),
+    "expanded_uncertainty": ("U",),
+    "coverage_factor": ("U",),
+    "table": ("table",),
+    "from_hz": ("u", "U"),
+    "to_hz": ("u", "U"),
+}
 
-    ways: Sequence[str] = tuple(_WAYS)
 
-    def applies(self, row: Mapping[str, Any]) -> bool:
-        """Return whether the key has a meaning beside the values of the others."""
-        return super().applies(row) and row.get("stated_as") in self.ways
-
-
-def _key(key: Key, *ways: str, **changed: Any) -> SourceKey:
-    return SourceKey(**{**vars(key), **changed}, ways=ways or tuple(_WAYS))
+def applies(key: Key, row: GivenFields) -> bool:
+    """Return whether a key has a meaning beside the values of the others."""
+    return key.applies(row) and row.get("stated_as") in _WAYS_OF.get(key.name, _WAYS)
 
 
 def source_keys() -> list[Key]:
     """Return the keys of a source in a form: those of the file, and how its size is stated."""
     keys: list[Key] = []
+    size = next(key for key in ENTRIES["uncertainty"] if key.name == "standard_uncertainty")
     for key in ENTRIES["uncertainty"]:
-        if key.name == "standard_uncertainty":
-            title = phrase("Stated as")
-            keys.append(Key("stated_as", "u", "choice", _WAYS, None, "", title))
-            keys.append(_key(key, "u"))
-            keys.append(_key(key, "U", name="expanded_uncertainty", title="U"))
-            plain = replace(key, name="coverage_factor", title="k", default=_K, in_form_by=None)
-            keys.append(_key(plain, "U", in_form=("", 1.0)))
+        if key is size:
+            plain = {"default": _K, "in_form": ("", 1.0), "in_form_by": None}
+            keys += [
+                Key("stated_as", "u", "choice", _WAYS, None, "", phrase("Stated as")),
+                size,
+                replace(size, name="expanded_uncertainty", title="U"),
+                replace(size, name="coverage_factor", title="k", **plain),
+            ]
         elif key.name == "table":
-            by_kind = next(
-                option for option in keys if option.name == "standard_uncertainty"
-            ).in_form_by
-            keys.append(_key(key, "table", in_form_by=by_kind))
+            keys.append(replace(key, in_form_by=size.in_form_by))
         else:
-            keys.append(_key(key, *(("u", "U") if key.name in ("from_hz", "to_hz") else ())))
+            keys.append(key)
     return keys
 
 
-def entry_in_form(entry: Mapping[str, Any]) -> dict[str, Any]:
+def entry_in_form(entry: GivenFields) -> Fields:
     """Return an entry of the file as the form asks for it."""
     return {"stated_as": "table" if entry.get("table") else "u", **entry}
 
 
-def entry_in_file(row: Mapping[str, Any]) -> dict[str, Any]:
+def entry_in_file(row: GivenFields) -> Fields:
     """Return a filled row as the file states it: u is U divided by k."""
     entry = {name: value for name, value in row.items() if name != "stated_as"}
     expanded = entry.pop("expanded_uncertainty", None)
@@ -81,9 +82,9 @@ def entry_in_file(row: Mapping[str, Any]) -> dict[str, Any]:
     return entry
 
 
-def bands_of(table: Sequence[Sequence[float]]) -> list[dict[str, float]]:
+def bands_of(table: Sequence[Sequence[float]]) -> list[NamedNumbers]:
     """Return the rows of a table as bands of one value, and the others as single frequencies."""
-    bands: list[dict[str, float]] = []
+    bands: list[NamedNumbers] = []
     rows = [tuple(row) for row in table]
     while rows:
         frequency, value = rows.pop(0)
@@ -96,7 +97,7 @@ def bands_of(table: Sequence[Sequence[float]]) -> list[dict[str, float]]:
     return bands
 
 
-def table_of(bands: Sequence[Mapping[str, Any]]) -> list[list[Any]]:
+def table_of(bands: Sequence[GivenFields]) -> list[list[Any]]:
     """Return the rows of a table that is constant over bands, and linear between them.
 
     A band without an upper end is a single frequency; a value that is missing is None.

@@ -34,28 +34,23 @@ def edit_as_text(
     errors = frame.add_error_area()
 
     async def take() -> None:
-        errors.clear()
         session = user.session
         content = (written.value or "").encode()
         session.open()
         trial = session.data / _TRIAL_FILE
-        try:
-            user.require("identify", "write files")
-            trial.write_bytes(content)
-            for look in (read_calibration_text, require_readable):
-                await user.run_sandboxed(look, session.data, _TRIAL_FILE)
-            session.reserve_path(name, len(content)).write_bytes(content)
-        except InputError as error:
-            fields = {
-                key: message.replace(_TRIAL_FILE, name) for key, message in vars(error).items()
-            }
-            frame.show_error(errors, type(error)(**fields), session)
-        except Exception as error:
-            frame.show_error(errors, error, session)
-        else:
+        with frame.reporting(errors, user):
+            try:
+                user.require("identify", "write files")
+                trial.write_bytes(content)
+                for look in (read_calibration_text, require_readable):
+                    await user.run_sandboxed(look, session.data, _TRIAL_FILE)
+                session.reserve_path(name, len(content)).write_bytes(content)
+            except InputError as error:
+                texts = {key: text.replace(_TRIAL_FILE, name) for key, text in vars(error).items()}
+                raise type(error)(**texts) from error
+            finally:
+                trial.unlink(missing_ok=True)
             await on_taken()
-        finally:
-            trial.unlink(missing_ok=True)
 
     with frame.actions():
         frame.add_button(translate("Use this file"), take, "id=use-text")

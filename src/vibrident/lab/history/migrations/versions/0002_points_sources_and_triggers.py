@@ -12,10 +12,10 @@ import zlib
 import sqlalchemy as sa
 from alembic import op
 
+from vibrident.lab.history.migrations import forbid_changes
+
 revision = "0002"
 down_revision = "0001"
-
-_TABLES = ("sensor", "calibration", "parameter", "point", "event")
 
 
 def upgrade() -> None:
@@ -40,7 +40,7 @@ def upgrade() -> None:
     op.create_index("event_by_sensor", "event", ["sensor_id", "kind"])
     op.create_index("event_by_calibration", "event", ["calibration_id"])
     _fill(op.get_bind())
-    (_triggers_of_sqlite if op.get_bind().dialect.name == "sqlite" else _triggers_of_postgresql)()
+    forbid_changes(_SAME_ROW)
 
 
 def _fill(connection: sa.Connection) -> None:
@@ -101,29 +101,3 @@ _SAME_ROW = {
     "point": "calibration_id = NEW.calibration_id AND nominal_hz = NEW.nominal_hz",
     "event": "id = NEW.id",
 }
-
-
-def _triggers_of_sqlite() -> None:
-    for name in _TABLES:
-        for action in ("UPDATE", "DELETE"):
-            op.execute(
-                f"CREATE TRIGGER {name}_no_{action.lower()} BEFORE {action} ON {name} "
-                f"BEGIN SELECT RAISE(ABORT, 'the history is append-only'); END"
-            )
-    for name, same in _SAME_ROW.items():  # INSERT OR REPLACE would remove a row without an error
-        op.execute(
-            f"CREATE TRIGGER {name}_no_replace BEFORE INSERT ON {name} WHEN EXISTS (SELECT 1 FROM "
-            f"{name} WHERE {same}) BEGIN SELECT RAISE(IGNORE); END"
-        )
-
-
-def _triggers_of_postgresql() -> None:
-    op.execute(
-        "CREATE FUNCTION vibrident_append_only() RETURNS trigger LANGUAGE plpgsql AS "
-        "$$ BEGIN RAISE EXCEPTION 'the history is append-only'; END $$"
-    )
-    for name in _TABLES:
-        op.execute(
-            f"CREATE TRIGGER {name}_append_only BEFORE UPDATE OR DELETE OR TRUNCATE ON {name} "
-            "FOR EACH STATEMENT EXECUTE FUNCTION vibrident_append_only()"
-        )

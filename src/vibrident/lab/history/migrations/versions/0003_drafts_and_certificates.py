@@ -5,6 +5,8 @@ from __future__ import annotations
 import sqlalchemy as sa
 from alembic import op
 
+from vibrident.lab.history.migrations import forbid_changes
+
 revision = "0003"
 down_revision = "0002"
 
@@ -59,7 +61,7 @@ def upgrade() -> None:
             for name in ("result", "result_signature", "pdf", "dcc")
         ),
     )
-    (_triggers_of_sqlite if op.get_bind().dialect.name == "sqlite" else _triggers_of_postgresql)()
+    forbid_changes(_SAME_ROW)
 
 
 def _stamped() -> list[sa.Column]:
@@ -67,24 +69,3 @@ def _stamped() -> list[sa.Column]:
         sa.Column("by", sa.Text, nullable=False),
         sa.Column("recorded", sa.String(32), nullable=False),
     ]
-
-
-def _triggers_of_sqlite() -> None:
-    for name, same in _SAME_ROW.items():
-        for action in ("UPDATE", "DELETE"):
-            op.execute(
-                f"CREATE TRIGGER {name}_no_{action.lower()} BEFORE {action} ON {name} "
-                f"BEGIN SELECT RAISE(ABORT, 'the history is append-only'); END"
-            )
-        op.execute(  # INSERT OR REPLACE would remove a row without an error
-            f"CREATE TRIGGER {name}_no_replace BEFORE INSERT ON {name} "
-            f"WHEN EXISTS (SELECT 1 FROM {name} WHERE {same}) BEGIN SELECT RAISE(IGNORE); END"
-        )
-
-
-def _triggers_of_postgresql() -> None:
-    for name in _SAME_ROW:
-        op.execute(
-            f"CREATE TRIGGER {name}_append_only BEFORE UPDATE OR DELETE OR TRUNCATE ON {name} "
-            "FOR EACH STATEMENT EXECUTE FUNCTION vibrident_append_only()"
-        )
