@@ -132,7 +132,8 @@ def shares(records, predicted):
     parts = []
     for record, series in zip(records, predicted, strict=True):
         bins = weighed(record, series)
-        parts.append(powers(bins, record.reference - record.reference.mean(), 0.0, slice(1, 400)))
+        about_means = (signal - signal.mean() for signal in (record.reference, record.response))
+        parts.append(powers(bins, *about_means, 0.0, slice(1, 400)))
     return shares_of(parts)
 
 
@@ -226,5 +227,5 @@ def test_of_a_sine_only_bins_with_motion_are_looked_at(rng):
     near = np.abs(np.arange(bins.residual.size) - 40) < 4
     garbage = np.where(near, 0.0, 1e6 / (1.0 + np.arange(bins.residual.size)))
     bins = replace(bins, residual=bins.residual + garbage, spectrum=replace(bins.spectrum, excited=1.0 * near))
-    parts = powers(bins, tone, 0.0, slice(1, 400), where_excited=True)
+    parts = powers(bins, tone, tone, 0.0, slice(1, 400), where_excited=True)
     assert shares_of([parts]).explained > 0.99

@@ -223,8 +223,10 @@ def _powers(
     low, high = (int(hz * bins.samples / record.sampling_rate_hz) for hz in band_hz)
     band = slice(max(low, 1), high + 2)
     reference = about_mean(record.reference[bins.span], used)
+    response = about_mean(record.response[bins.span], bins.used)
     delay = delay_s * record.sampling_rate_hz
-    return powers(bins, reference, delay, band, where_excited=record.excitation == "sine")
+    is_sine = record.excitation == "sine"
+    return powers(bins, reference, response, delay, band, where_excited=is_sine)
 
 
 def _powers_of_tones(tones: MeasuredResponse, response: Response) -> FloatArray:

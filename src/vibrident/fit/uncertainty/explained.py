@@ -119,6 +119,7 @@ def shares_of(parts: Sequence[FloatArray]) -> Shares:
 def powers(
     bins: WeightedBins,
     reference: FloatArray,
+    measured: FloatArray,
     delay: float,
     band: slice,
     *,
@@ -129,11 +130,13 @@ def powers(
     They are the power of the response, of what the model leaves and of what is incoherent, and the
     squares of the last summed over the bins. The part of the prediction that noise of the reference
     makes counts as unexplained once, not twice: behind a displacement of eight bits it exceeds the
-    response.
+    response. A drift or hum among the nuisances is no response, but no more power than was measured
+    is explained: against a wrong prediction nuisances may be of any size.
 
     Args:
         bins: of the record.
         reference: about its mean, zero where it is not used, shape (samples,).
+        measured: the response, likewise.
         delay: of the model, in samples.
         band: bins, of which line 0 is none.
         where_excited: whether only bins with motion count, as of a sine: elsewhere the fit's
@@ -155,8 +158,10 @@ def powers(
         widths / np.maximum(np.add.reduceat(freedom[0], begins), 1.0), widths
     )
     unexplained = power_of(bins.residual + _noise_share(bins) * bins.predicted)
-    bin_powers = power_of(response), unexplained, incoherent, incoherent**2
-    return np.array([np.sum((bin_power * counted)[band]) for bin_power in bin_powers])
+    recorded = _without_drift(fft.rfft(measured, samples)[:lines], samples)
+    bin_powers = power_of(response), unexplained, incoherent, incoherent**2, power_of(recorded)
+    power, *others, most = (np.sum((bin_power * counted)[band]) for bin_power in bin_powers)
+    return np.array([min(power, most), *others])
 
 
 def _noise_share(bins: WeightedBins) -> FloatArray:
