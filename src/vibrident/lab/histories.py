@@ -5,9 +5,8 @@ from __future__ import annotations
 import datetime
 import os
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
-from vibrident.base.fields import Fields
 from vibrident.result import Result
 from vibrident.result.loading import GivenResult
 from vibrident.show.issue import GivenCertificate, issued
@@ -90,7 +89,7 @@ class History:
             for added in add_all(self._store, certified, serial_number=serial_number, date=date)
         )
 
-    def sensors(self, *, sensor_type: str | None = None) -> list[Fields]:
+    def sensors(self, *, sensor_type: str | None = None) -> list[dict[str, Any]]:
         """Return a row for each sensor: number of calibrations, and first and last date.
 
         Args:
@@ -116,7 +115,7 @@ class History:
         tolerance: float | None = None,
         nominal: float | None = None,
         interval_years: float | None = None,
-    ) -> Fields:
+    ) -> dict[str, Any]:
         """Return the calibrations, drift, prediction and due date of a sensor.
 
         Args:
@@ -153,7 +152,7 @@ class History:
         quantity: str | None = None,
         frequency_hz: float | None = None,
         interval_years: float | None = None,
-    ) -> list[Fields]:
+    ) -> list[dict[str, Any]]:
         """Return a row for each sensor with the date of its next calibration, the earliest first.
 
         Args:

@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeGuard
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError, ModelError, NotConverged, unknown
@@ -96,7 +96,7 @@ class Comparison:
         ]
         return pd.DataFrame(rows).set_index(["method", "parameter"])
 
-    def to_dict(self) -> Fields:
+    def to_dict(self) -> dict[str, Any]:
         """Return what ``comparison.json`` says: plain values."""
         scores = {name: dict(score) for name, score in self.cross_validations.items()}
         return document(dict(self.results), dict(self.truth), scores)
@@ -143,7 +143,7 @@ def compare(
     models: Sequence[str] = (),
     discretisations: Sequence[str] = (),
     cross_validation: bool = False,
-    truth: NamedNumbers | None = None,
+    truth: Mapping[str, float] | None = None,
 ) -> Comparison:
     """Compare methods on the same data, or earlier results of one sensor.
 

@@ -188,7 +188,7 @@ class _Survey:
         """Yield start values, the likeliest first: those known, and the places of the grid.
 
         The nonparametric response comes first where the model states start values, as the grid is
-        coarse then. Of a model that is refuted without, one place is as good as others.
+        coarse then; else beside the first place, and no more places where the model is refuted.
         """
         if evidence.start is not None:
             yield dict(evidence.start)
@@ -196,6 +196,7 @@ class _Survey:
             yield from (start.values for start in _in_response(evidence))
         elif not evidence.model.shares:
             yield self.places[0]
+            yield from (start.values for start in _in_response(evidence))
             if not is_refuted():
                 yield from self.places[1:]
             return

@@ -130,8 +130,8 @@ def powers(
     They are the power of the response, of what the model leaves and of what is incoherent, and the
     squares of the last summed over the bins. The part of the prediction that noise of the reference
     makes counts as unexplained once, not twice: behind a displacement of eight bits it exceeds the
-    response. A drift or hum among the nuisances is no response, but no more power than was measured
-    is explained: against a wrong prediction nuisances may be of any size.
+    response. A drift or hum among the nuisances is no response. But no more is explained than was
+    measured, that noise apart: nuisances may cancel a wrong prediction of any size.
 
     Args:
         bins: of the record.
@@ -157,11 +157,14 @@ def powers(
     incoherent[1:] *= np.repeat(
         widths / np.maximum(np.add.reduceat(freedom[0], begins), 1.0), widths
     )
-    unexplained = power_of(bins.residual + _noise_share(bins) * bins.predicted)
-    recorded = _without_drift(fft.rfft(measured, samples)[:lines], samples)
-    bin_powers = power_of(response), unexplained, incoherent, incoherent**2, power_of(recorded)
-    power, *others, most = (np.sum((bin_power * counted)[band]) for bin_power in bin_powers)
-    return np.array([min(power, most), *others])
+    noise_share = _noise_share(bins)
+    unexplained = power_of(bins.residual + noise_share * bins.predicted)
+    most = power_of(_without_drift(fft.rfft(measured, samples)[:lines], samples))
+    most += noise_share * power_of(bins.predicted)
+    bin_powers = power_of(response), unexplained, incoherent, incoherent**2, most
+    sums = np.array([np.sum((bin_power * counted)[band]) for bin_power in bin_powers])
+    sums[0] = min(sums[0], sums[-1])
+    return sums[:-1]
 
 
 def _noise_share(bins: WeightedBins) -> FloatArray:

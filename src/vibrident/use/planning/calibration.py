@@ -83,7 +83,7 @@ class Plan:
 @in_one_thread
 def plan(
     sensor: GivenResult,
-    parameters: NamedNumbers | None = None,
+    parameters: Mapping[str, float] | None = None,
     *,
     frequencies_hz: Sequence[float] | FloatArray | None = None,
     amplitude: float | Sequence[float] = STANDARD_GRAVITY,

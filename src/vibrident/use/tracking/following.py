@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -127,7 +127,7 @@ class SensorTracker:
         """Return the changes of the sensor so far, in the order of their detection."""
         return tuple(self._session.alarms)
 
-    def to_dict(self) -> Fields:
+    def to_dict(self) -> dict[str, Any]:
         """Return what ``track.json`` says: plain values."""
         return self._session.document()
 
