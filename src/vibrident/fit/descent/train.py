@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vibrident.base.errors import InputError, NotConverged
-from vibrident.data.records import STATIONARY_EXCITATIONS, FloatArray
+from vibrident.data.records import FloatArray
 from vibrident.fit.descent.in_noise import iterate
 from vibrident.fit.descent.settle import (
     MAX_CHANCE_OF_LIKELIER,
@@ -70,13 +70,12 @@ def train(evidence: Evidence, method: Method, progress: Progress) -> Settled:
         NotConverged: no start leads to a finite fit.
     """
     best: _Descents | None = None
-    is_refuted = functools.cache(lambda: _is_refuted(evidence))
     for band, observed in _observations(evidence, method):
-        if best is not None and best.suffices(is_refuted):
-            break
-        descents = _Descents.at(evidence, _Survey(band, observed), is_refuted, progress)
+        descents = _Descents.at(evidence, _Survey(band, observed), progress)
         if best is None or descents.cost_per_number < best.cost_per_number:
             best = descents
+        if best.cost_per_number < MAX_START_COST:
+            break
     assert best is not None
     return best.settled(evidence, progress)
 
@@ -182,13 +181,11 @@ class _Survey:
         coordinates = Coordinates.at(evidence.model, values, band_hz, evidence.response_size)
         return self.band.at_delay_of(values).at_ringing_of(values), coordinates
 
-    def starts(
-        self, evidence: Evidence, is_refuted: Callable[[], bool]
-    ) -> Iterator[dict[str, float]]:
+    def starts(self, evidence: Evidence) -> Iterator[dict[str, float]]:
         """Yield start values, the likeliest first: those known, and the places of the grid.
 
         The nonparametric response comes first where the model states start values, as the grid is
-        coarse then; else beside the first place, and no more places where the model is refuted.
+        coarse then; else after the first place.
         """
         if evidence.start is not None:
             yield dict(evidence.start)
@@ -197,8 +194,7 @@ class _Survey:
         elif not evidence.model.shares:
             yield self.places[0]
             yield from (start.values for start in _in_response(evidence))
-            if not is_refuted():
-                yield from self.places[1:]
+            yield from self.places[1:]
             return
         yield from self.places
 
@@ -222,18 +218,16 @@ class _Descents:
         cls,
         evidence: Evidence,
         survey: _Survey,
-        is_refuted: Callable[[], bool],
         progress: Progress,
     ) -> _Descents:
         """Return the descents from the start values of a survey.
 
-        Where none explains the records, more begin in a search with a model error, unless the model
-        is refuted.
+        Where none explains the records, more begin in a search with a model error.
         """
         weighting = _without_model(survey.band, survey.observed)
-        starts = survey.starts(evidence, is_refuted)
+        starts = survey.starts(evidence)
         descents = cls(survey, weighting, _descended(evidence, survey, weighting, starts, progress))
-        if evidence.start is not None or descents.suffices(is_refuted):
+        if evidence.start is not None or descents.cost_per_number < MAX_START_COST:
             return descents
         return descents._repeated(evidence, progress)
 
@@ -263,12 +257,6 @@ class _Descents:
     def cost_per_number(self) -> float:
         """Return V of the best for each number that shows motion."""
         return self.best.at.cost / self.count if self.count else np.inf
-
-    def suffices(self, is_refuted: Callable[[], bool]) -> bool:
-        """Return whether the best leaves nothing but noise, or no start can explain the records."""
-        if self.cost_per_number < MAX_EXPLAINED_COST:
-            return self.cost_per_number < MAX_START_COST
-        return is_refuted()
 
     def _repeated(self, evidence: Evidence, progress: Progress) -> _Descents:
         """Return these descents and more of a search at the delay of the best, with a model error.
@@ -401,19 +389,6 @@ def _in_response(evidence: Evidence) -> Sequence[Start]:
         return [find_start(evidence.first_look, evidence.model)] if evidence.first_look else []
     except (NotConverged, np.linalg.LinAlgError):
         return []
-
-
-def _is_refuted(evidence: Evidence) -> bool:
-    """Return whether the nonparametric response leaves so much that no start explains the records.
-
-    That of stationary motion alone does: motion that runs at the ends of a record leaks into it.
-    """
-    is_stationary = all(
-        record.excitation in ("sine", *STATIONARY_EXCITATIONS) for record in evidence.records
-    )
-    return is_stationary and any(
-        start.chi2_reduced > MAX_EXPLAINED_COST for start in _in_response(evidence)
-    )
 
 
 def _with_delay(

@@ -72,16 +72,10 @@ class Shares:
     def may_rise(self) -> bool:
         """Return whether other parameters may explain more.
 
-        They do not where nearly all is coherent and the model leaves little beside the remainder,
-        or where nothing is. Ringing in a resonance narrower than a bin looks incoherent, too, but
-        within few bins.
+        They do not where nothing is coherent. Ringing in a resonance narrower than a bin looks
+        incoherent, too, but within few bins.
         """
-        incoherent = 1.0 - self.coherent
-        explains_all = incoherent < MIN_EXPLAINED and (
-            1.0 - self.explained < MAX_INCOHERENT_RATIO * incoherent
-        )
-        is_noise = self.is_incoherent and self.freedom > MAX_RINGING_FREEDOM
-        return not (is_noise or explains_all)
+        return not (self.is_incoherent and self.freedom > MAX_RINGING_FREEDOM)
 
     @property
     def is_of_steady_sensor(self) -> bool:
