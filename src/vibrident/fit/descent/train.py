@@ -37,7 +37,7 @@ from vibrident.fit.start.motion_and_noise import (
     estimate_motion_and_noise,
     loud_bins,
 )
-from vibrident.fit.start.start import Start, find_start
+from vibrident.fit.start.start import find_start
 from vibrident.physics.discretisation import Method
 from vibrident.physics.models import SensorModel
 
@@ -126,8 +126,8 @@ def _observations(evidence: Evidence, method: Method) -> Iterator[tuple[Band, Mo
         records = evidence.records
         return BinProblem.build(records, model, method, evidence.quantity, values, top_hz)
 
-    # What a look projects out is smooth in frequency times the reference, so that its inputs need
-    # no accuracy. It shows up to which frequency those of a fit do.
+    # A look projects out whatever is smooth in frequency times the reference, errors of the inputs
+    # included. It shows up to which frequency the inputs of the fit must be accurate.
     look = Band(problem_at(start, 0.0), np.inf)
     observed = estimate_motion_and_noise(look)
     looks = {float(look.problem.frame.delay_s): (start, look, observed)}
@@ -190,10 +190,10 @@ class _Survey:
         if evidence.start is not None:
             yield dict(evidence.start)
         elif any(spec.start is not None for spec in evidence.model.parameters):
-            yield from (start.values for start in _in_response(evidence))
+            yield from _in_response(evidence)
         elif not evidence.model.shares:
             yield self.places[0]
-            yield from (start.values for start in _in_response(evidence))
+            yield from _in_response(evidence)
             yield from self.places[1:]
             return
         yield from self.places
@@ -214,12 +214,7 @@ class _Descents:
     ends: list[Descended]
 
     @classmethod
-    def at(
-        cls,
-        evidence: Evidence,
-        survey: _Survey,
-        progress: Progress,
-    ) -> _Descents:
+    def at(cls, evidence: Evidence, survey: _Survey, progress: Progress) -> _Descents:
         """Return the descents from the start values of a survey.
 
         Where none explains the records, more begin in a search with a model error.
@@ -380,13 +375,14 @@ def _neutral_values(evidence: Evidence) -> dict[str, float]:
     return values
 
 
-def _in_response(evidence: Evidence) -> Sequence[Start]:
-    """Return the best fit of the nonparametric response; empty where there is none.
+def _in_response(evidence: Evidence) -> list[dict[str, float]]:
+    """Return the values that fit the nonparametric response best; empty where there are none.
 
     Its grid is coarse, and a descent in the logarithm of the magnitude has hardly any dead ends.
     """
     try:
-        return [find_start(evidence.first_look, evidence.model)] if evidence.first_look else []
+        problem = evidence.first_look
+        return [] if problem is None else [find_start(problem, evidence.model).values]
     except (NotConverged, np.linalg.LinAlgError):
         return []
 

@@ -165,12 +165,12 @@ def _fit_and_judge(
 ) -> tuple[Estimate, Judgement]:
     """Return an estimate, or its replacement where it is rejected, and the judgement.
 
-    There is none of records where no other place may explain more of the response.
+    A rejected fit of records stays where no other place may explain more of the response.
     """
     fitted = _estimated(evidence, estimator, progress)
     estimate, judgement = _judged_estimate(evidence, fitted)
-    in_vain = estimate.in_noise is not None and not judgement.shares.may_rise
-    if judgement.adequacy.adequate or in_vain:
+    stays = estimate.in_noise is not None and not judgement.shares.may_rise
+    if judgement.adequacy.adequate or stays:
         return estimate, judgement
     replacement = estimator.where_rejected(evidence, fitted, progress)
     if replacement is None:

@@ -153,9 +153,9 @@ def powers(
     )
     noise_share = _noise_share(bins)
     unexplained = power_of(bins.residual + noise_share * bins.predicted)
-    most = power_of(_without_drift(fft.rfft(measured, samples)[:lines], samples))
-    most += noise_share * power_of(bins.predicted)
-    bin_powers = power_of(response), unexplained, incoherent, incoherent**2, most
+    measured_power = power_of(_without_drift(fft.rfft(measured, samples)[:lines], samples))
+    measured_power += noise_share * power_of(bins.predicted)
+    bin_powers = power_of(response), unexplained, incoherent, incoherent**2, measured_power
     sums = np.array([np.sum((bin_power * counted)[band]) for bin_power in bin_powers])
     sums[0] = min(sums[0], sums[-1])
     return sums[:-1]
