@@ -57,7 +57,8 @@ def at_one_clock(fitted: Fitted) -> Fitted:
     if not known:
         return _with_statement(best, offset, u) if has_offset else fitted
     # Of ringing alone, two clocks and another natural frequency are one: one clock suffices there.
-    at_no_offset = _fit_at_offset(best, 0.0)
+    # What fits at a wrong clock is no start at the right one.
+    at_no_offset = _fit_at_offset(best, 0.0, from_best=False)
     may_state = math.isfinite(u) and not best.judgement.shares.lacking
     if at_no_offset is None:
         return _with_statement(best, offset, u) if may_state else fitted
@@ -107,7 +108,9 @@ def _settle_offset(fitted: Fitted, known: bool) -> tuple[Fitted, float] | None:
 
 def _improved(fitted: Fitted, change: float) -> Fitted | None:
     """Return the fit at an ε larger by ``change``, or None where it explains no more."""
-    candidate = _fit_at_offset(fitted, fitted.evidence.clock_offset + change)
+    # The parameters of a rejected fit stand in for ε.
+    offset = fitted.evidence.clock_offset + change
+    candidate = _fit_at_offset(fitted, offset, from_best=fitted.adequate)
     if candidate is None or candidate.adequate:
         return candidate
     # χ² may rise where the misfit falls, as the noise beside it does.
@@ -118,16 +121,16 @@ def _improved(fitted: Fitted, change: float) -> Fitted | None:
     return candidate if falls else None
 
 
-def _fit_at_offset(fitted: Fitted, offset: float) -> Fitted | None:
+def _fit_at_offset(fitted: Fitted, offset: float, *, from_best: bool) -> Fitted | None:
     """Return the fit at another ε, or None where none converges, or no clock is so far off.
 
-    A rejected fit is no start: its parameters stand in for ε.
+    ``from_best``: whether to start from the parameters of a fit.
     """
     if abs(offset) > MAX_OFFSET:
         return None
     try:
         evidence = fitted.evidence.at_clock(offset)
-        return fitted.anew(evidence) if fitted.adequate else fitted.once(evidence)
+        return fitted.anew(evidence) if from_best else fitted.once(evidence)
     except VibridentError:
         return None
 

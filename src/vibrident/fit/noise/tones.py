@@ -7,10 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from vibrident.base.tails import chi2_tail
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.fit.noise.averages import MIN_POWER, windowed
+from vibrident.fit.noise.averages import MIN_POWER, NEAREST_BINS, averaged_bins, windowed
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
+from vibrident.fit.response.verdict import REJECTION, as_chi2
 
 #: A bin this many times above its surroundings is a tone.
 TONE_RATIO = 25.0
@@ -30,7 +32,10 @@ MAX_TONE_DISTANCE = 4
 def tones_of(
     residual: ComplexArray, noise: ComplexArray, level: FloatArray, moved: BoolArray
 ) -> tuple[tuple[float, ...], ...]:
-    """Return the places, in bins, of tones so strong that their leakage hides others.
+    """Return the places, in bins, of tones: of strong ones, and of weak ones that all records have.
+
+    The leakage of the strong ones hides others; all records together show the weak ones, which in
+    each alone might be chance.
 
     Args:
         residual: shape (R, K).
@@ -53,7 +58,38 @@ def tones_of(
         tops = np.flatnonzero(peaks) + 1
         tops = tops[np.argsort(-power[tops])][:MAX_TONES]
         places[record] = tuple((tops + 1 + _offsets(power, tops)).tolist())
-    return tuple(places)
+    shared = _shared_tones(residual, noise, level, moved) if len(residual) > 1 else ()
+    return tuple(with_tones(of_record, shared) for of_record in places)
+
+
+def _shared_tones(
+    residual: ComplexArray, noise: ComplexArray, level: FloatArray, moved: BoolArray
+) -> tuple[float, ...]:
+    """Return the places, in bins, of tones that the records show together, the strongest first.
+
+    All but the one that shows it most must exceed the chance of noise, which some bin does in one
+    of a thousand groups (Bonferroni).
+    """
+    records, bins = residual.shape
+    ratio = np.minimum(power_of(residual), power_of(noise))
+    ratio /= np.maximum(level, MIN_POWER)
+    ratio[moved] = 0.0
+    mean_ratio = np.mean(ratio, axis=0)
+    inner = mean_ratio[2:-2]
+    tops = np.flatnonzero((inner >= mean_ratio[1:-3]) & (inner > mean_ratio[3:-1])) + 2
+    tops = tops[np.argsort(-mean_ratio[tops])][:MAX_TONES]
+    others = records - 1
+    freedom = np.full(others, 4.0 * (averaged_bins(bins) - NEAREST_BINS))
+    places: list[float] = []
+    for top in tops.tolist():
+        of_others = np.sort(ratio[:, top])[:others]
+        chi2 = float(np.sum(as_chi2(2.0 * of_others, freedom)))
+        if bins * chi2_tail(2 * others, chi2) > REJECTION:
+            break
+        near = slice(top - 2, top + 3)
+        power = np.mean(power_of(windowed(residual[:, near])) / level[:, top, None], axis=0)
+        places.append(top + float(_offsets(power, np.array([1]))[0]))
+    return with_tones((), tuple(places))
 
 
 def located(place: float, signal: FloatArray) -> float:
