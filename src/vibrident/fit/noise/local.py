@@ -14,16 +14,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import fft
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.polynomial import legendre
 
 from vibrident.data.records import BoolArray, FloatArray
+from vibrident.fit.noise.projection import (
+    BLOCK_BINS,
+    DEGREES,
+    RIDGE,
+    LocalColumns,
+    polynomials_of,
+)
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
 
-#: Bins of a block.
-BLOCK_BINS = 24
-#: Number of coefficients of a polynomial in a block: a quadratic.
-DEGREES = 3
 #: Chance that any block without motion counts as one with motion.
 MAX_CHANCE_OF_MOTION = 1e-3
 #: A sensor rings where its motion decays by at least e^{-2πγ} over a record; a tone does not decay.
@@ -32,8 +34,6 @@ MIN_DECAY_BINS = 0.5
 MAX_RESONANCE_WIDTH = 0.5
 #: Blocks on either side that a level is averaged over.
 NEIGHBOURS = 2
-#: Ridge, over the largest product of the columns, that keeps dependent columns regular.
-RIDGE = 1e-10
 #: Omitted samples are filled in once the unexplained gradient is this fraction of the residual.
 TOLERANCE = 1e-6
 #: Most steps of conjugate gradients.
@@ -45,13 +45,13 @@ class SmoothColumns:
     """Columns that are smooth in frequency in each of B blocks of w bins, from bin 1 on.
 
     Attributes:
-        leaks: orthonormal polynomials, shape (m, w).
-        columns: orthonormal columns of polynomials and motions, shape (R, B, m, w).
+        columns: polynomials alone and times motions, in R times B blocks.
+        records: R.
         share: fraction of the samples of the rows that are used.
     """
 
-    leaks: ComplexArray
-    columns: ComplexArray
+    columns: LocalColumns
+    records: int
     share: float
 
     @classmethod
@@ -71,26 +71,31 @@ class SmoothColumns:
         width = (bins - 1) // blocks
         if width * share < 2 * DEGREES * (len(motions) + 1) + 2:
             return None
-        powers = legendre.legvander(np.linspace(-1.0, 1.0, width), DEGREES - 1).T
-        polynomials = powers.astype(complex)
-        columns = [np.broadcast_to(polynomials, (records, blocks, *polynomials.shape))]
-        for motion in motions:
-            rows = motion[:, 1 : 1 + blocks * width].reshape(records, blocks, 1, width)
-            size = np.sqrt(np.mean(power_of(rows), axis=-1, keepdims=True))
-            columns.append(np.divide(rows, size, out=np.zeros_like(rows), where=size > 0) * powers)
-        return cls(_orthonormal(polynomials), _orthonormal(np.concatenate(columns, axis=2)), share)
+        inner = slice(1, 1 + blocks * width)
+        alone = np.ones((records * blocks, width), complex)
+        rows = [motion[:, inner].reshape(-1, width).copy() for motion in motions]
+        return cls(LocalColumns.from_motions([alone, *rows]), records, share)
+
+    @property
+    def width(self) -> int:
+        """Return the bins of a block."""
+        return int(self.columns.motions[0].shape[1])
 
     def in_blocks(self, rows: ComplexArray) -> ComplexArray:
-        """Return rows (R, K) in blocks, shape (R, B, 1, w)."""
-        records, blocks, _, width = self.columns.shape
-        return rows[:, 1 : 1 + blocks * width].reshape(records, blocks, 1, width)
+        """Return rows (R, K) in blocks, shape (R B, w)."""
+        blocks = len(self.columns.motions[0]) // self.records
+        return rows[:, 1 : 1 + blocks * self.width].reshape(-1, self.width)
+
+    def by_record(self, of_blocks: FloatArray) -> FloatArray:
+        """Return numbers of blocks (R B,) by record, shape (R, B)."""
+        return of_blocks.reshape(self.records, -1)
 
     def explained(self, rows: ComplexArray) -> ComplexArray:
         """Return the projection of rows onto all columns and an offset, shape (R, K)."""
         explained = np.zeros_like(rows)
         explained[:, 0] = rows[:, 0]
-        blocks = _explained(self.in_blocks(rows), self.columns)
-        explained[:, 1 : 1 + blocks[0].size] = blocks.reshape(len(rows), -1)
+        blocks = self.columns.explained(self.in_blocks(rows)).reshape(len(rows), -1)
+        explained[:, 1 : 1 + blocks.shape[1]] = blocks
         return explained
 
     def filled(self, rows: ComplexArray, used: BoolArray) -> ComplexArray:
@@ -130,7 +135,7 @@ class SmoothColumns:
     def power_without_leaks(self, rows: ComplexArray) -> FloatArray:
         """Return the power of each block of rows (R, K) beyond leakage, shape (R, B)."""
         signal = self.in_blocks(rows)
-        return np.asarray(np.sum(power_of(signal - _explained(signal, self.leaks)), axis=(-2, -1)))
+        return self.by_record(np.sum(power_of(signal - leaks_in(signal)), axis=1))
 
     def level_at_bins(self, level: FloatArray, moving: BoolArray, bins: int) -> FloatArray:
         """Return powers of blocks at each of so many bins, smooth over five blocks, shape (R, K).
@@ -140,14 +145,14 @@ class SmoothColumns:
             moving: blocks whose levels are averaged with each other, as are the others, (R, B).
             bins: K.
         """
-        width = self.columns.shape[-1]
+        width = self.width
         middles = 1.0 + width * (np.arange(level.shape[1]) + 0.5)
         logarithms = np.log(np.maximum(_among(level, moving), 1e-300))
         return np.stack([np.exp(np.interp(np.arange(bins), middles, row)) for row in logarithms])
 
     def each_bin(self, blocks: BoolArray, bins: int) -> BoolArray:
         """Return what is true of blocks (R, B) for each of so many bins, shape (R, K)."""
-        width = self.columns.shape[-1]
+        width = self.width
         rows = np.zeros((len(blocks), bins), dtype=bool)
         rows[:, 1 : 1 + blocks.shape[1] * width] = np.repeat(blocks, width, axis=1)
         return rows
@@ -166,15 +171,12 @@ class SmoothColumns:
                 out, that of the others. And whether it is more coherent with the motions than noise
                 alone would be, shape (R, B).
         """
-        width = self.columns.shape[-1]
         signal = self.in_blocks(rows)
-        without_leaks = signal - _explained(signal, self.leaks)
-        residual = signal - _explained(signal, self.columns)
-        fitted = np.sum(power_of(self.columns), axis=(-2, -1))
-        squares = np.sum(power_of(residual), axis=-1)[..., 0]
-        freedom = np.maximum(self.share * width - fitted, 1.0)
+        residual = signal - self.columns.explained(signal)
+        squares = self.by_record(np.sum(power_of(residual), axis=1))
+        freedom = self._freedom(0.0)
         level = self.share * squares / freedom
-        coherent = self.share * (np.sum(power_of(without_leaks), axis=-1)[..., 0] - squares)
+        coherent = self.share * (self.power_without_leaks(rows) - squares)
         share = np.clip(squares / np.maximum(squares + coherent, 1e-300), 0.0, 1.0)
         # Of n − m complex numbers, m of them fitted: 1 − γ² is Beta(n − m, m) by chance, m = 3.
         coherence = 1.0 - share
@@ -184,12 +186,22 @@ class SmoothColumns:
         # Where there is no motion the response lacks the noise of the reference: another level.
         moving = chance * chance.size < MAX_CHANCE_OF_MOTION
         if may_ring:
-            ringing_level, ringing = self._ringing(signal)
+            ringing_level, ringing = self._ringing(signal, residual)
             level = np.where(ringing, ringing_level, level)
             moving |= ringing
         return level, moving
 
-    def _ringing(self, signal: ComplexArray) -> tuple[FloatArray, BoolArray]:
+    def _freedom(self, more: float) -> FloatArray:
+        """Return the degrees of freedom of the noise of blocks, shape (R, B).
+
+        ``more``: numbers fitted beside the columns.
+        """
+        fitted = self.by_record(self.columns.count) + more
+        return np.maximum(self.share * self.width - fitted, 1.0)
+
+    def _ringing(
+        self, signal: ComplexArray, residual: ComplexArray
+    ) -> tuple[FloatArray, BoolArray]:
         """Return the noise of blocks beside a free motion in them, and where there is one.
 
         Beside a pole Y is no polynomial, but A Y is one for a line A that is zero at the pole
@@ -197,19 +209,20 @@ class SmoothColumns:
         least residual is an eigenvector, so noise alone is as large for any (Pisarenko 1973).
 
         Args:
-            signal: shape (R, B, 1, w).
+            signal: of each block, shape (R B, w).
+            residual: what the columns leave of it, likewise.
 
         Returns:
             Power of the noise, and whether the block rings, shape (R, B) each.
         """
-        width = signal.shape[-1]
+        width = signal.shape[1]
         place = np.linspace(-1.0, 1.0, width)
         slope_size = np.sqrt(np.mean(place**2))
-        weighted = signal * np.stack([np.ones(width), place / slope_size])
-        residual = weighted - _explained(weighted, self.columns)
-        squares, vectors = np.linalg.eigh(residual @ np.conj(residual).swapaxes(-1, -2))
-        fitted = np.sum(power_of(self.columns), axis=(-2, -1)) + 1.0
-        freedom = np.maximum(self.share * width - fitted, 1.0)
+        sloping = signal * (place / slope_size)
+        residuals = np.stack([residual, sloping - self.columns.explained(sloping)], axis=1)
+        squares, vectors = np.linalg.eigh(residuals @ np.conj(residuals).swapaxes(1, 2))
+        squares = squares.reshape(self.records, -1, 2)
+        freedom = self._freedom(1.0)
         least = np.maximum(squares[..., 0], 0.0)
         mean = np.mean(squares, axis=-1)
         share = np.divide(least, mean, out=np.ones_like(mean), where=mean > 0.0)
@@ -219,7 +232,7 @@ class SmoothColumns:
         count = freedom + 1.0
         log_chance = freedom * np.log(np.maximum(share, 1e-300) * count) + np.log(count)
         ringing = log_chance - log_factorial < np.log(MAX_CHANCE_OF_MOTION / share.size)
-        constant, slope = np.moveaxis(np.conj(vectors[..., 0]), -1, 0)
+        constant, slope = np.conj(vectors[..., 0]).T.reshape(2, self.records, -1)
         slope = np.where(np.abs(slope) < RIDGE, RIDGE, slope / slope_size)
         pole = -constant / slope
         decay_bins = pole.imag * 0.5 * (width - 1)
@@ -247,17 +260,7 @@ def _among(level: FloatArray, moving: BoolArray) -> FloatArray:
     return smooth
 
 
-def _orthonormal(columns: ComplexArray) -> ComplexArray:
-    """Return rows that span columns (…, m, w), next to zero where these depend on others.
-
-    By the Cholesky factor of their products, which takes less than half the time of eigenvalues.
-    """
-    gram = columns @ np.conj(columns).swapaxes(-1, -2)
-    diagonal = np.einsum("...ii->...i", gram)
-    diagonal += RIDGE * np.max(diagonal.real, axis=-1, keepdims=True) + np.finfo(float).tiny
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(gram)) @ columns)
-
-
-def _explained(rows: ComplexArray, columns: ComplexArray) -> ComplexArray:
-    """Return the projection of rows (…, 1, w) onto orthonormal columns (…, m, w)."""
-    return (rows @ np.conj(columns).swapaxes(-1, -2)) @ columns
+def leaks_in(signal: ComplexArray) -> ComplexArray:
+    """Return the projection of blocks (N, w) onto polynomials, as leakage into them is."""
+    polynomials = polynomials_of(signal.shape[1])
+    return (signal @ polynomials.T) @ polynomials

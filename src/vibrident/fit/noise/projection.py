@@ -9,7 +9,8 @@ few operations.
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -55,6 +56,11 @@ def _basis(width: int) -> _PolynomialBasis:
     return _PolynomialBasis(moments, pairs @ moments.T)
 
 
+def polynomials_of(width: int) -> FloatArray:
+    """Return orthonormal polynomials over a block of so many bins, shape (3, w)."""
+    return _basis(width).moments[:DEGREES]
+
+
 def block_edges(bins: int) -> NDArray[np.int_]:
     """Return the first bins of blocks, from bin 1 on, and the bin after the last full one."""
     width = -(-(bins - 1) // max((bins - 1) // BLOCK_BINS, 1))
@@ -91,21 +97,97 @@ def without_common(
         return padded.reshape(-1, width)
 
     weight = inverse if heard is None else inverse * heard[:, 1:]
-    columns = [_unit(in_blocks(motion, weight)) for motion in motions]
-    explained = in_blocks(rows, inverse)
-    leverage = np.empty(explained.shape)
-    for begin in range(0, len(explained), MAX_BLOCKS):
-        batch = slice(begin, begin + MAX_BLOCKS)
-        explained[batch], leverage[batch] = _explained(
-            explained[batch], [column[batch] for column in columns]
-        )
-    remainder = rows.copy()
-    explained = explained.reshape(records, -1)[:, : bins - 1]
+    columns = LocalColumns.from_motions([in_blocks(motion, weight) for motion in motions])
+    explained = columns.explained(in_blocks(rows, inverse)).reshape(records, -1)[:, : bins - 1]
     explained *= root[:, 1:]
+    remainder = rows.copy()
     remainder[:, 1:] -= explained
     freedom = np.ones(rows.shape)
-    freedom[:, 1:] -= leverage.reshape(records, -1)[:, : bins - 1]
+    freedom[:, 1:] -= columns.leverage().reshape(records, -1)[:, : bins - 1]
     return remainder, np.clip(freedom, 0.0, 1.0, out=freedom)
+
+
+@dataclass(frozen=True, eq=False)
+class LocalColumns:
+    """Polynomials times each of M motions, in N blocks of w bins, and what these explain.
+
+    Attributes:
+        motions: at mean power one in each block, or zero, shape (N, w) each.
+        inverse: of the products of the columns, shape (3 M, 3 M, N).
+        count: number of columns that are independent, shape (N,).
+    """
+
+    motions: list[ComplexArray]
+    inverse: ComplexArray
+    count: FloatArray
+
+    @classmethod
+    def from_motions(cls, motions: Sequence[ComplexArray]) -> LocalColumns:
+        """Return the columns of motions, which are scaled in place."""
+        units = [_unit(motion) for motion in motions]
+        blocks, width = units[0].shape
+        moments, products = _basis(width)
+        table = products.reshape(-1, 2 * DEGREES - 1)
+        count = len(units)
+        gram = np.empty((count, DEGREES, count, DEGREES, blocks), complex)
+        for i, j, batch, pair in _pairs(units):
+            block = (table @ (pair @ moments.T).T).reshape(DEGREES, DEGREES, -1)
+            gram[i, :, j, :, batch] = block
+            gram[j, :, i, :, batch] = block.conj()
+        gram = gram.reshape(DEGREES * count, DEGREES * count, -1)
+        inverse = _inverses(gram)
+        # G⁻¹ is of G and a ridge: its trace is what the ridge takes.
+        diagonal = np.einsum("iin->n", inverse).real
+        return cls(units, inverse, DEGREES * count - RIDGE * diagonal)
+
+    def explained(self, rows: ComplexArray) -> ComplexArray:
+        """Return the projection of rows onto the columns, shape (N, w)."""
+        polynomials = polynomials_of(rows.shape[1])
+        explained = np.empty_like(rows)
+        for batch in _batches(len(rows)):
+            motions = [motion[batch] for motion in self.motions]
+            common = [(polynomials @ (motion.conj() * rows[batch]).T) for motion in motions]
+            amounts = np.einsum("ijn,jn->in", self.inverse[..., batch], np.concatenate(common))
+            total = np.zeros_like(motions[0])
+            for number, motion in enumerate(motions):
+                of_motion = amounts[DEGREES * number : DEGREES * (number + 1)]
+                total += (of_motion.T @ polynomials) * motion
+            explained[batch] = total
+        return explained
+
+    def leverage(self) -> FloatArray:
+        """Return the share of noise that the columns take at each bin, shape (N, w)."""
+        blocks, width = self.motions[0].shape
+        moments, products = _basis(width)
+        table = products.reshape(-1, 2 * DEGREES - 1)
+        count = len(self.motions)
+        inverse = self.inverse.reshape(count, DEGREES, count, DEGREES, blocks)
+        leverage = np.zeros((blocks, width))
+        for i, j, batch, pair in _pairs(self.motions):
+            share = (table.T @ inverse[i, :, j, :, batch].reshape(DEGREES**2, -1)).T
+            if i == j:
+                leverage[batch] += (share.real @ moments) * pair
+            else:  # h = Σ m_i A_ij m_j*, and the pair is m_i* m_j
+                curve = share @ moments
+                leverage[batch] += 2.0 * (curve.real * pair.real + curve.imag * pair.imag)
+        return leverage
+
+
+def _batches(blocks: int) -> list[slice]:
+    """Return slices of blocks whose matrices stay in the cache."""
+    return [slice(begin, begin + MAX_BLOCKS) for begin in range(0, blocks, MAX_BLOCKS)]
+
+
+def _pairs(
+    motions: Sequence[ComplexArray],
+) -> Iterator[tuple[int, int, slice, ComplexArray | FloatArray]]:
+    """Yield the products of the conjugate of each motion with itself and each later one."""
+    for batch in _batches(len(motions[0])):
+        for i, first in enumerate(motions):
+            yield i, i, batch, power_of(first[batch])
+            adjoint = first[batch].conj()
+            for j in range(i + 1, len(motions)):
+                yield i, j, batch, adjoint * motions[j][batch]
 
 
 def _unit(motion: ComplexArray) -> ComplexArray:
@@ -113,41 +195,6 @@ def _unit(motion: ComplexArray) -> ComplexArray:
     size = np.sqrt(np.mean(power_of(motion), axis=1, keepdims=True))
     motion *= np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
     return motion
-
-
-def _explained(
-    rows: ComplexArray, motions: Sequence[ComplexArray]
-) -> tuple[ComplexArray, FloatArray]:
-    """Return the projection of rows onto motions, and the leverage of each bin, both (N, w)."""
-    moments, products = _basis(rows.shape[1])
-    table = products.reshape(-1, 2 * DEGREES - 1)
-    columns = DEGREES * len(motions)
-    gram = np.empty((len(motions), DEGREES, len(motions), DEGREES, len(rows)), complex)
-    common = np.empty((len(motions), DEGREES, len(rows)), complex)
-    pairs = {}
-    for i, motion in enumerate(motions):
-        adjoint = motion.conj()
-        common[i] = ((adjoint * rows) @ moments[:DEGREES].T).T
-        for j in range(i, len(motions)):
-            pairs[i, j] = adjoint * motions[j] if j > i else power_of(motion)
-            block = (table @ (pairs[i, j] @ moments.T).T).reshape(DEGREES, DEGREES, -1)
-            gram[i, :, j] = block
-            gram[j, :, i] = block.conj()
-    inverse = _inverses(gram.reshape(columns, columns, -1))
-    amounts = np.einsum("ijn,jn->in", inverse, common.reshape(columns, -1))
-    amounts = amounts.reshape(len(motions), DEGREES, -1)
-    inverse_blocks = inverse.reshape(len(motions), DEGREES, len(motions), DEGREES, -1)
-    explained = np.zeros_like(rows)
-    leverage = np.zeros(rows.shape)
-    for (i, j), pair in pairs.items():
-        share = (table.T @ inverse_blocks[i, :, j].reshape(DEGREES**2, -1)).T
-        if i == j:
-            explained += (amounts[i].T @ moments[:DEGREES]) * motions[i]
-            leverage += (share.real @ moments) * pair
-        else:  # h = Σ m_i A_ij m_j*, and the pair is m_i* m_j
-            curve = share @ moments
-            leverage += 2.0 * (curve.real * pair.real + curve.imag * pair.imag)
-    return explained, leverage
 
 
 def _inverses(gram: ComplexArray) -> ComplexArray:

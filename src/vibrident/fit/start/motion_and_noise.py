@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.group.group import Group
 from vibrident.fit.noise.averages import windowed
-from vibrident.fit.noise.local import BLOCK_BINS, SmoothColumns
+from vibrident.fit.noise.local import SmoothColumns
+from vibrident.fit.noise.projection import BLOCK_BINS
 from vibrident.fit.noise.tones import MAX_TONE_DISTANCE
 from vibrident.fit.problem.band import Band
 from vibrident.fit.response.response import ComplexArray

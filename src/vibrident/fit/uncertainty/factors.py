@@ -16,6 +16,7 @@ from numpy import fft
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from vibrident.base.fft_lengths import fast_length
 from vibrident.data.records import FloatArray
 from vibrident.data.records.basis import distinct
 from vibrident.fit.descent.weighted_bins import WeightedBins
@@ -200,10 +201,12 @@ def _unsteady_noise(
     if samples <= STRETCHES:  # too short to follow
         return np.ones(len(edges) - 1), 1.0
     noise_power = slow_profile(fft.irfft(residual, samples), used)
-    length = 2 * (samples // (STRETCHES + 1))
-    begins = np.arange(STRETCHES + 2) * (length // 2)  # from half a stretch before the record on
-    padded_motion = np.pad(fft.irfft(motion, samples), length // 2 + 1)
-    padded_power = np.pad(noise_power, length // 2 + 1, mode="edge")
+    half = fast_length(samples // (STRETCHES + 1))
+    length = 2 * half
+    begins = np.arange(STRETCHES + 2) * half  # from half a stretch before the record on
+    padding = half, length
+    padded_motion = np.pad(fft.irfft(motion, samples), padding)
+    padded_power = np.pad(noise_power, padding, mode="edge")
     motion_stretches = sliding_window_view(padded_motion, length)[begins]
     power_stretches = sliding_window_view(padded_power, length)[begins]
     first = edges[:-1] * length // samples
