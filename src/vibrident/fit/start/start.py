@@ -37,9 +37,9 @@ from vibrident.physics.models import SensorModel
 MAX_POINTS = 200
 #: … and of its last descent.
 MAX_FINAL_POINTS = 800
-#: Combinations of cores with add-ons that go on after some steps …
+#: Combinations of cores with add-ons that go on after some steps, of the most points …
 SECOND_CANDIDATES = 12
-#: … and to the end.
+#: … and to the end. Of fewer points more go on, as they cost no more.
 LAST_CANDIDATES = 6
 #: After the first descent a cost of use is no more than this many times as large as in the end.
 MAX_FIRST_RATIO = 100.0
@@ -225,13 +225,19 @@ def _optima(
     sign = np.ones(len(u))
     coarse = descend(near, u, sign, magnitudes(points, MIN_DEVIATION), FIRST_STEPS)
     _require_use(coarse, MAX_FIRST_RATIO * most * points.frequency_hz.size)
-    rows = coarse.best(SECOND_CANDIDATES, MIN_DISTANCE)
+    rows = coarse.best(_affordable(SECOND_CANDIDATES, points), MIN_DISTANCE)
     fine = descend(near, coarse.u[rows], sign[rows], magnitudes(points, MIN_DEVIATION), STEPS)
     _require_use(fine, most * points.frequency_hz.size)
     # Where magnitudes carry little information, or a zero may lie on either side, they mislead: the
     # first candidates go on, too.
-    selected = np.concatenate([fine.u[fine.best(LAST_CANDIDATES, MIN_DISTANCE)], u[:32]])
+    rows = fine.best(_affordable(LAST_CANDIDATES, points), MIN_DISTANCE)
+    selected = np.concatenate([fine.u[rows], u[:32]])
     return _aligned(selected, chart, points, final, problem.longest_delay_s, most)
+
+
+def _affordable(count: int, points: TargetFRF) -> int:
+    """Return how many candidates take as long at these points as ``count`` at the most points."""
+    return count * max(MAX_POINTS // max(points.frequency_hz.size, 1), 1)
 
 
 def _require_use(front: Population, most: float) -> None:
@@ -296,7 +302,7 @@ def _aligned(
     final: TargetFRF,
     longest_delay_s: float,
     most: float,
-    last: int = LAST_CANDIDATES,
+    last: int | None = None,
 ) -> Population:
     """Return where candidates of the right magnitude end, with signs and delays that align phases.
 
@@ -307,23 +313,23 @@ def _aligned(
         final: points by which the end is judged.
         longest_delay_s: that the data could show.
         most: cost for each point above which a fit is of no use.
-        last: number of candidates of the last descent.
+        last: number of candidates of the last descent; None: as many as the points allow.
     """
     if not points.has_phase:
         return descend(chart, selected, np.ones(len(selected)), differences(final), LAST_STEPS)
     near = chart.at(points)
     turned, sign = _with_sign_and_delay(selected, near, points, longest_delay_s)
     begun = descend(near, turned, sign, logarithms(points, MIN_DEVIATION), FIRST_STEPS)
-    rows = begun.best(SECOND_CANDIDATES, MIN_DISTANCE)
+    rows = begun.best(_affordable(SECOND_CANDIDATES, points), MIN_DISTANCE)
     turned, sign = _with_two_modes(begun.u[rows], begun.sign[rows], near, points)
     aligned = descend(near, turned, sign, logarithms(points, MIN_DEVIATION), STEPS)
     _require_use(aligned, most * points.frequency_hz.size)
-    rows = aligned.best(LAST_CANDIDATES, MIN_DISTANCE)
+    rows = aligned.best(_affordable(LAST_CANDIDATES, points), MIN_DISTANCE)
     closer = descend(
         near, aligned.u[rows], aligned.sign[rows], logarithms(points, MIN_DEVIATION / 100.0), STEPS
     )
     _require_use(closer, most * points.frequency_hz.size)
-    rows = np.argsort(closer.cost, kind="stable")[:last]
+    rows = np.argsort(closer.cost, kind="stable")[: last or len(rows)]
     return descend(chart, closer.u[rows], closer.sign[rows], differences(final), LAST_STEPS)
 
 

@@ -201,10 +201,10 @@ def _unsteady_noise(
     if samples <= STRETCHES:  # too short to follow
         return np.ones(len(edges) - 1), 1.0
     noise_power = slow_profile(fft.irfft(residual, samples), used)
-    half = fast_length(samples // (STRETCHES + 1))
+    half = fast_length(-(-samples // (STRETCHES + 1)))
     length = 2 * half
     begins = np.arange(STRETCHES + 2) * half  # from half a stretch before the record on
-    padding = half, length
+    padding = half, (STRETCHES + 2) * half - samples
     padded_motion = np.pad(fft.irfft(motion, samples), padding)
     padded_power = np.pad(noise_power, padding, mode="edge")
     motion_stretches = sliding_window_view(padded_motion, length)[begins]
