@@ -3,6 +3,8 @@
 from types import SimpleNamespace
 
 import pytest
+from bench.adversary.cases import BY_NAME
+from bench.adversary.judge import judged
 
 from vibrident.fit.judge.clocks import _suffices
 
@@ -29,3 +31,8 @@ def test_where_two_clocks_explain_nothing_the_better_fit_is_kept():
     assert _suffices(fit(False, 0.5, chi2=3.0), rejected, has_offset=False)
     assert _suffices(fit(True, 0.5, chi2=5.0), rejected, has_offset=False)
     assert not _suffices(fit(False, 0.5, chi2=5.0), rejected, has_offset=False)
+
+
+def test_a_fit_at_a_wrong_clock_is_no_start_at_one_clock():
+    """Ringing of a whole record let another clock seem to explain more, and its fit led nowhere at one clock."""
+    assert judged(BY_NAME["clean/below-light+delay=300/multisine/16 bit"].trial(115))["class"] == "right"
