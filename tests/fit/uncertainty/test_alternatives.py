@@ -62,7 +62,7 @@ def test_what_is_hardly_determined_takes_others_with_it(case):
 
 
 def test_the_start_of_few_points_is_their_likeliest():
-    """Of three points an average over nothing and a resonance in the band was taken, 3,606 u off; χ² was twice as large."""
+    """Of three points no average, and a resonance in the band, was taken: 3,606 u off, at twice the χ²."""
     trial = BY_NAME["table/far-light+boxcar/3 points, u, phase"].trial(116)
     length = identify(trial.calibration(), trial.model).parameters["boxcar_length"]
     assert abs(length.value - trial.truth["boxcar_length"]) < 3.0 * length.standard_uncertainty
