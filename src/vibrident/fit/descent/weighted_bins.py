@@ -70,20 +70,25 @@ class WeightedBins:
 
 
 def weighted_segments(
-    in_noise: InNoise, z: FloatArray, coordinates: Coordinates
+    in_noise: InNoise, z: FloatArray, coordinates: Coordinates, *, fitted_everywhere: bool = False
 ) -> Iterator[WeightedBins]:
-    """Yield the driven segments of a fit at its estimate, in its noise; no free decays."""
+    """Yield the driven segments of a fit at its estimate, in its noise; no free decays.
+
+    ``fitted_everywhere``: whether the nuisances are those that fit all bins best; the fit's follow
+    from the bins that show motion, and may be of any size in the others.
+    """
     segments = in_noise.band.problem.segments
     for place in in_noise.places(z, coordinates):
         grid = place.group.grid
         used = place.group.used
+        fitted = place.fitted_in_all_bins if fitted_everywhere else place.rows
         for row, number in enumerate(place.group.segments if grid.driven else ()):
             yield WeightedBins(
                 segments[number].record,
                 segments[number].span,
                 np.broadcast_to(True, grid.samples) if used is None else used[row],
-                place.rows.residual[row],
-                place.rows.predicted[row],
+                fitted.residual[row],
+                fitted.predicted[row],
                 place.rows.nuisances.of_row(row),
                 grid.counts * grid.samples,
                 in_noise.weighting.segments[number].spectrum,

@@ -144,9 +144,12 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
     shares = shares_of(powers_by_record)
     if not (adequacy.adequate and shares.explained > 1.0 - MAX_UNEXPLAINED):
         # What is common to both channels ends where a first look sees it end, not the fit.
+        band_hz = _band_of_look(evidence, estimate)
         powers_by_record = powers_of_tones + [
-            _powers(evidence.band_hz, evidence.records[bins.record], bins, delay_s)
-            for bins in weighed_records(evidence, estimate, predicted, sines=tones is None)
+            _powers(band_hz, evidence.records[bins.record], bins, delay_s)
+            for bins in weighed_records(
+                evidence, estimate, predicted, sines=tones is None, fitted_everywhere=True
+            )
         ]
         shares = shares_of(powers_by_record)
     if shares.lacking:
@@ -172,7 +175,12 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
 
 
 def weighed_records(
-    evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray], *, sines: bool
+    evidence: Evidence,
+    estimate: Estimate,
+    predicted: Sequence[FloatArray],
+    *,
+    sines: bool,
+    fitted_everywhere: bool = False,
 ) -> Iterator[WeightedBins]:
     """Yield records with a reference, or their segments, in the noise at the estimate.
 
@@ -181,6 +189,7 @@ def weighed_records(
         estimate: the fit.
         predicted: response of each record, NaN where it is not defined.
         sines: whether sines are among them.
+        fitted_everywhere: as of :func:`weighted_segments`.
     """
     wanted = {
         number
@@ -188,7 +197,12 @@ def weighed_records(
         if record.reference is not None and (sines or record.excitation != "sine")
     }
     if estimate.in_noise is not None and wanted:
-        segments = weighted_segments(estimate.in_noise, estimate.z, estimate.coordinates)
+        segments = weighted_segments(
+            estimate.in_noise,
+            estimate.z,
+            estimate.coordinates,
+            fitted_everywhere=fitted_everywhere,
+        )
         yield from (bins for bins in segments if bins.record in wanted)
         return
     for number in sorted(wanted):
@@ -212,6 +226,14 @@ def _band_of_fit(evidence: Evidence, estimate: Estimate) -> tuple[float, float]:
     low, high = estimate.coordinates.band_hz.tolist()
     shortest_s = min(record.duration_s for record in evidence.records)
     return max(low, LINES_IN_BAND / shortest_s), high
+
+
+def _band_of_look(evidence: Evidence, estimate: Estimate) -> tuple[float, float]:
+    """Return the band of the nonparametric response where the network's inputs are accurate, Hz."""
+    low, high = evidence.band_hz
+    if estimate.in_noise is not None:
+        high = min(high, estimate.in_noise.band.problem.frame.top_hz)
+    return low, high
 
 
 def _powers(

@@ -18,9 +18,9 @@ import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.group.group import in_batches
-from vibrident.fit.noise.averages import averaged_bins, log_power, mean_around
+from vibrident.fit.noise.averages import averaged_bins, log_power
 from vibrident.fit.noise.incoherent import incoherent_component
-from vibrident.fit.noise.lines import OUTSTANDING_RATIO, lines_of_motion
+from vibrident.fit.noise.lines import OUTSTANDING_RATIO, level_with_lines, lines_of_motion
 from vibrident.fit.noise.projection import BLOCK_BINS
 from vibrident.fit.noise.residuals import Residuals
 from vibrident.fit.noise.shapes import (
@@ -147,8 +147,7 @@ def _read(rows: Residuals, last: int, colour: FloatArray | float) -> GroupNoise:
     excited = np.ones(psd.shape)
     if rows.through is not None:
         # Excess of the prediction over that due to noise of the reference.
-        level = np.exp(mean_around(log_expected, width) + np.euler_gamma)
-        np.copyto(level, expected, where=expected > OUTSTANDING_RATIO * level)
+        level = level_with_lines(expected, log_expected, width)
         level /= count
         excited -= FAINT_RATIO * psd / np.maximum(level, 1e-300)
         np.maximum(excited, 0.0, out=excited)

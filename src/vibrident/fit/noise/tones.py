@@ -78,13 +78,12 @@ def _shared_tones(
     inner = mean_ratio[2:-2]
     tops = np.flatnonzero((inner >= mean_ratio[1:-3]) & (inner > mean_ratio[3:-1])) + 2
     tops = tops[np.argsort(-mean_ratio[tops])][:MAX_TONES]
-    others = records - 1
-    freedom = np.full(others, 4.0 * (averaged_bins(bins) - NEAREST_BINS))
+    freedom = np.full(records - 1, 4.0 * (averaged_bins(bins) - NEAREST_BINS))
     places: list[float] = []
     for top in tops.tolist():
-        of_others = np.sort(ratio[:, top])[:others]
-        chi2 = float(np.sum(as_chi2(2.0 * of_others, freedom)))
-        if bins * chi2_tail(2 * others, chi2) > REJECTION:
+        weaker = np.sort(ratio[:, top])[:-1]
+        chi2 = float(np.sum(as_chi2(2.0 * weaker, freedom)))
+        if bins * chi2_tail(2 * len(weaker), chi2) > REJECTION:
             break
         near = slice(top - 2, top + 3)
         power = np.mean(power_of(windowed(residual[:, near])) / level[:, top, None], axis=0)

@@ -19,6 +19,7 @@ from vibrident.base.tails import f_tail
 from vibrident.data.records import FloatArray
 from vibrident.fit.bins.segments import shifted_lines
 from vibrident.fit.descent.weighted_bins import WeightedBins
+from vibrident.fit.noise.lines import noise_in_prediction
 from vibrident.fit.noise.projection import block_edges, without_common
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
@@ -151,23 +152,15 @@ def powers(
     incoherent[1:] *= np.repeat(
         widths / np.maximum(np.add.reduceat(freedom[0], begins), 1.0), widths
     )
-    noise_share = _noise_share(bins)
+    expected = power_of(bins.predicted)
+    noise_share = noise_in_prediction(expected[None], (bins.passed_noise * bins.count)[None])[0]
     unexplained = power_of(bins.residual + noise_share * bins.predicted)
     measured_power = power_of(_without_drift(fft.rfft(measured, samples)[:lines], samples))
-    measured_power += noise_share * power_of(bins.predicted)
+    measured_power += noise_share * expected
     bin_powers = power_of(response), unexplained, incoherent, incoherent**2, measured_power
     sums = np.array([np.sum((bin_power * counted)[band]) for bin_power in bin_powers])
     sums[0] = min(sums[0], sums[-1])
     return sums[:-1]
-
-
-def _noise_share(bins: WeightedBins) -> FloatArray:
-    """Return the share of the prediction's power in each bin that noise of the reference makes.
-
-    The remainder can be predicted from a noisy reference (Wiener 1949).
-    """
-    power = np.maximum(power_of(bins.predicted), np.finfo(float).tiny)
-    return np.minimum(bins.passed_noise * bins.count / power, 1.0)
 
 
 def _without_drift(lines: ComplexArray, samples: int) -> ComplexArray:
