@@ -112,7 +112,28 @@ class Band:
     def at_delay_of(self, values: Mapping[str, float]) -> Band:
         """Return the band with inputs at the delay of ``values``; itself where they nearly are."""
         moved = self.problem.at_delay_of(values)
-        return self if moved is self.problem else replace(self, problem=moved)
+        if moved is self.problem:
+            return self
+        return replace(self, problem=moved, tones=self._tones_in(moved))
+
+    def _tones_in(self, problem: BinProblem) -> tuple[tuple[float, ...], ...]:
+        """Return the tones of the segments of another problem, those of a record's first segment.
+
+        Another delay may divide a record into other segments.
+        """
+        sizes = [
+            [(segment.record, segment.samples) for segment in segments]
+            for segments in (self.problem.segments, problem.segments)
+        ]
+        if not self.tones or sizes[0] == sizes[1]:
+            return self.tones
+        per_sample: dict[int, list[float]] = {}
+        for (record, samples), tones in zip(sizes[0], self.tones, strict=True):
+            per_sample.setdefault(record, [tone / samples for tone in tones])
+        return tuple(
+            tuple(turns * samples for turns in per_sample.get(record, ()))
+            for record, samples in sizes[1]
+        )
 
     def at_factors_of(self, values: Mapping[str, float]) -> Band:
         """Return the band with inputs filtered by the factors of ``values``; the samples stay."""
