@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from bench.adversary.cases import BY_NAME
 from bench.adversary.judge import judged
 
+from vibrident.base.errors import NotConverged
+from vibrident.fit.descent import train as training
 from vibrident.fit.descent.settle import START_TOLERANCE, mean_minus_two_log_likelihood
 from vibrident.fit.descent.train import train, train_anew
 from vibrident.fit.optimise import silent
@@ -69,3 +72,16 @@ def test_suited_data_have_the_same_estimate_from_all_starts():
     shift = first.coordinates.place(again.coordinates.values(again.z)) - first.z
     # As near as two descents that end at one bottom.
     assert np.max(np.square(shift / u)) < 4.0 * START_TOLERANCE
+
+
+def test_a_delay_at_which_nothing_fits_ends_no_search(monkeypatch):
+    """All starts of a first look grew beyond all numbers, and the right delay was not tried."""
+
+    def descents(evidence, survey, progress):
+        if survey.band == "wrong delay":
+            raise NotConverged("no fit")
+        return SimpleNamespace(cost_per_number=1.0, settled=lambda *_: "the estimate")
+
+    monkeypatch.setattr(training, "_observations", lambda *_: [("wrong delay", None), ("right delay", None)])
+    monkeypatch.setattr(training._Descents, "at", staticmethod(descents))
+    assert train(None, None, silent) == "the estimate"

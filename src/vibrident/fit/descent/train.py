@@ -41,6 +41,8 @@ from vibrident.fit.start.start import find_start
 from vibrident.physics.discretisation import Method
 from vibrident.physics.models import SensorModel
 
+#: What a start may raise that leads to no fit.
+NO_FIT = NotConverged, InputError, np.linalg.LinAlgError
 #: Starts that descend: of a model whose parameters are few and free …
 FEW_STARTS = 2
 #: … and of others.
@@ -70,13 +72,19 @@ def train(evidence: Evidence, method: Method, progress: Progress) -> Settled:
         NotConverged: no start leads to a finite fit.
     """
     best: _Descents | None = None
+    reason: Exception = NotConverged(NOT_FINITE)
     for band, observed in _observations(evidence, method):
-        descents = _Descents.at(evidence, _Survey(band, observed), progress)
+        try:
+            descents = _Descents.at(evidence, _Survey(band, observed), progress)
+        except NO_FIT as error:
+            reason = error  # at this delay; another may lead to a fit
+            continue
         if best is None or descents.cost_per_number < best.cost_per_number:
             best = descents
         if best.cost_per_number < MAX_START_COST:
             break
-    assert best is not None
+    if best is None:
+        raise reason
     return best.settled(evidence, progress)
 
 
@@ -92,12 +100,15 @@ def train_anew(evidence: Evidence, method: Method, progress: Progress) -> Settle
         survey = _Survey(band, observed)
         weighting = _without_model(band, observed)
         starts = survey.places
-        ends = _descended(evidence, survey, weighting, starts, progress, all_starts=True)
+        try:
+            ends = _descended(evidence, survey, weighting, starts, progress, all_starts=True)
+        except NO_FIT:
+            ends = []
         descents = _Descents(survey, weighting, ends)
         for end in [*ends, *descents.undescended(evidence, starts)]:
             try:
                 _, in_own = in_own_noise(end, observed)
-            except (NotConverged, InputError, np.linalg.LinAlgError):
+            except NO_FIT:
                 continue
             score = mean_minus_two_log_likelihood(in_own.at.groups)
             candidates.append((score, end, descents))
@@ -106,7 +117,7 @@ def train_anew(evidence: Evidence, method: Method, progress: Progress) -> Settle
     for _, end, descents in candidates[:MAX_SETTLED]:
         try:
             estimate = settle(end, descents.survey.observed, descents.weighting, progress)
-        except (NotConverged, InputError, np.linalg.LinAlgError):
+        except NO_FIT:
             continue
         settled.append(estimate)
     if not settled:
@@ -428,7 +439,7 @@ def _descended(
                 progress,
                 max_cost=MAX_EXPLAINED_COST * numbers,
             )
-        except (NotConverged, InputError, np.linalg.LinAlgError) as error:
+        except NO_FIT as error:
             reason = error
             continue
         ends.append(end)
