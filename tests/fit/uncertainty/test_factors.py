@@ -229,3 +229,14 @@ def test_of_a_sine_only_bins_with_motion_are_looked_at(rng):
     bins = replace(bins, residual=bins.residual + garbage, spectrum=replace(bins.spectrum, excited=1.0 * near))
     parts = powers(bins, tone, tone, 0.0, slice(1, 400), where_excited=True)
     assert shares_of([parts]).explained > 0.99
+
+
+def test_bins_that_do_not_count_have_no_say(rng):
+    """Nuisances are of any size there: behind eight bits no band of a sweep showed enough motion beside them."""
+    bins = weighed(*records(rng))
+    inner = np.arange(bins.residual.size) < bins.residual.size // 2
+    limited = replace(bins, counts=bins.counts * inner)
+    wild = replace(limited, predicted=np.where(inner, bins.predicted, 1e6 * bins.predicted))
+    expected, among_wild = (band_factors(each, sine=False) for each in (limited, wild))
+    np.testing.assert_allclose(among_wild.rho, expected.rho)
+    np.testing.assert_allclose(among_wild.squares, expected.squares)

@@ -87,7 +87,8 @@ def band_factors(
     # so that cov s = G.
     weights = counted / (bins.samples * bins.spectrum.psd)
     freed, information, score, nuisance_information = _scores(bins, motion, weights, edges)
-    motion_power = power_of(motion)
+    # Where no bin counts, nuisances are of any size.
+    motion_power = power_of(motion) * (weights > 0.0)
     power = band_sums(motion_power, edges)
     moment = band_sums(np.arange(last) * motion_power, edges)
     flat = band_sums(counted * motion_power, edges)
