@@ -80,6 +80,20 @@ def test_what_is_smoothly_coherent_is_no_noise_and_noise_stays(rng):
     assert np.sum(power_of(left)) / np.sum(freedom) == pytest.approx(np.mean(power_of(noise)), rel=0.05)
 
 
+def test_a_misfit_that_rings_on_is_no_noise(rng):
+    """Fitted one after the other, motion and free motion leave a part of each, which was taken for noise."""
+    moved, noise = (rng.standard_normal(2402).view(complex) for _ in range(2))
+    pole = 1.0 / (np.arange(noise.size) - 300.4 - 0.2j)
+    free_motion = np.stack([pole, 1j * pole])[None]
+    misfit = 0.3 * moved + (20.0 - 10.0j) * pole
+    (left, _), (alone, freedom) = (
+        without_common(rows[None], [moved[None]], np.ones((1, noise.size)), free_motion=free_motion)
+        for rows in (noise + misfit, noise)
+    )
+    np.testing.assert_allclose(left[:, 1:], alone[:, 1:], atol=1e-4)
+    assert np.sum(power_of(left)) / np.sum(freedom) == pytest.approx(np.mean(power_of(noise)), rel=0.05)
+
+
 @pytest.mark.parametrize("bins", [2, 3, 5, 6, 24])
 def test_few_bins_are_nearly_all_explained(bins, rng):
     """Pieces between gaps may have so few; no more freedom is left than there are bins."""

@@ -450,7 +450,9 @@ def _stated(
     for place, fitted in zip(end.groups, fitted_numbers(end.groups), strict=True):
         grid = place.group.grid
         averaged = averaging_width(grid.samples, 1 / 128)
-        spectra = [weighting.segments[number].spectrum for number in place.group.segments]
+        spectra = [
+            weighting.of_segment(number).spectrum_at(grid) for number in place.group.segments
+        ]
         excited = np.stack([spectrum.excited for spectrum in spectra])
         owners = band.owners(place.group)
         power = power_of(place.rows.residual) / (place.group.count[:, None] * place.psd)

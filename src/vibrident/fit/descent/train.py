@@ -344,7 +344,7 @@ def with_model_error(weighting: Weighting, end: Descended, squares: float) -> We
         squares_left = residual * grid.counts * grid.samples
         smooth = mean_around(response, averaged_bins(response.shape[1]), 0)
         for row, number in enumerate(place.group.segments):
-            noise = weighting.segments[number]
+            noise = weighting.of_segment(number)
             psd, _, _, excited = noise.at_bins(grid)
             zeros = np.zeros_like(psd)
             spectrum = replace(noise.spectrum, psd=psd, excited=excited, input_noise_at=zeros)

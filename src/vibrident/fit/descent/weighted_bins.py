@@ -91,7 +91,7 @@ def weighted_segments(
                 fitted.predicted[row],
                 place.rows.nuisances.of_row(row),
                 grid.counts * grid.samples,
-                in_noise.weighting.segments[number].spectrum,
+                in_noise.weighting.of_segment(number).spectrum_at(grid),
                 power_of(place.through),
             )
 

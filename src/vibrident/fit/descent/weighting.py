@@ -11,11 +11,13 @@ from vibrident.data.records import FloatArray
 from vibrident.fit.bins.segments import TONE_COLUMNS
 from vibrident.fit.descent.in_noise import GroupAt, GroupWeights, fitted_numbers
 from vibrident.fit.group.group import Grid, Group
+from vibrident.fit.noise.projection import BLOCK_BINS
 from vibrident.fit.noise.reading import read_noise
 from vibrident.fit.noise.residuals import Residuals
 from vibrident.fit.noise.spectrum import NoiseSpectrum
 from vibrident.fit.noise.tones import common_tones, located, with_tones
 from vibrident.fit.problem.band import Band
+from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of, reference_colour
 from vibrident.fit.start.motion_and_noise import MotionAndNoise
 
@@ -43,7 +45,8 @@ class SegmentNoise:
         """Return the noise at the bins of a grid."""
         names = "psd", "input_noise_at", "doubt", "excited"
         rows = {name: grid.resampled(getattr(self.spectrum, name), self.samples) for name in names}
-        return replace(self.spectrum, **rows)
+        tones = tuple(tone * (grid.samples / self.samples) for tone in self.spectrum.tones)
+        return replace(self.spectrum, tones=tones, **rows)
 
     def at_bins(self, grid: Grid) -> FloatArray:
         """Return noise, that of the reference, |H|² and excited at the bins of a grid, (4, K)."""
@@ -125,6 +128,7 @@ def read_weighting(
             floors[band.owners(group)],
             fitted=fitted,
             unfitted=in_all_bins.unfitted,
+            free_motion=_narrow_free_motion(place),
         )
         if group.grid.driven:
             reference = group.inputs[:, 0]
@@ -142,6 +146,20 @@ def read_weighting(
             spectrum = replace(spectrum, tones=with_tones(known, spectrum.tones))
             segments[number] = SegmentNoise(spectrum, squares, group.grid.samples)
     return Weighting(segments)
+
+
+def _narrow_free_motion(place: GroupAt) -> ComplexArray | None:
+    """Return the columns of the free motion, shape (R, n, K); None unless a block holds most of it.
+
+    Otherwise what is smooth in frequency makes up for it nearly as well.
+    """
+    columns = place.rows.nuisances.columns[:, : place.rows.order]
+    power = np.sum(power_of(columns), axis=(0, 1))[1:]
+    if not power.size or 2.0 * np.max(
+        np.add.reduceat(power, range(0, power.size, BLOCK_BINS))
+    ) < np.sum(power):
+        return None
+    return np.broadcast_to(columns, (len(place.rows.residual), *columns.shape[1:]))
 
 
 def _known_tones(place: GroupAt) -> list[tuple[float, ...]]:

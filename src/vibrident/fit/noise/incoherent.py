@@ -66,7 +66,11 @@ def incoherent_component(rows: Residuals, log_through: FloatArray | None) -> Inc
         records: slice | NDArray[np.int_], heard: BoolArray, level: FloatArray
     ) -> Incoherent:
         noise, freedom = without_common(
-            rows.residual[records], [motion[records] for motion in motions], np.sqrt(level), heard
+            rows.residual[records],
+            [motion[records] for motion in motions],
+            np.sqrt(level),
+            heard,
+            None if rows.free_motion is None else rows.free_motion[records],
         )
         if rows.unfitted is not None:
             freedom *= rows.unfitted[records]

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
+from vibrident.fit.group.network import Nuisances
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
 
@@ -72,6 +73,7 @@ def without_common(
     motions: Sequence[ComplexArray],
     root: FloatArray,
     heard: BoolArray | None = None,
+    free_motion: ComplexArray | None = None,
 ) -> tuple[ComplexArray, FloatArray]:
     """Return rows without the component that is locally coherent with motions.
 
@@ -80,6 +82,8 @@ def without_common(
         motions: each of shape (R, K) or (1, K).
         root: of the level of the noise of the rows, shape (R, K).
         heard: where there is motion, shape (R, K); None: everywhere.
+        free_motion: m columns over all bins, whose real amounts are fitted at the same time, shape
+            (R or 1, m, K); None: none.
 
     Returns:
         The remainder, shape (R, K), and its degrees of freedom, 0 … 1 a bin, shape (R, K): noise of
@@ -98,10 +102,18 @@ def without_common(
 
     weight = inverse if heard is None else inverse * heard[:, 1:]
     columns = LocalColumns.from_motions([in_blocks(motion, weight) for motion in motions])
-    explained = columns.explained(in_blocks(rows, inverse)).reshape(records, -1)[:, : bins - 1]
-    explained *= root[:, 1:]
+
+    def beside_columns(signal: ComplexArray) -> ComplexArray:
+        blocks = in_blocks(signal, inverse)
+        return (blocks - columns.explained(blocks)).reshape(records, -1)[:, : bins - 1]
+
+    whitened = beside_columns(rows)
+    if free_motion is not None:
+        parts = [beside_columns(column) for column in np.moveaxis(free_motion, 1, 0)]
+        free = Nuisances.in_weight(np.stack(parts, axis=1), np.ones((1, bins - 1)))
+        whitened -= free.imitated(whitened[:, None])[:, 0]
     remainder = rows.copy()
-    remainder[:, 1:] -= explained
+    remainder[:, 1:] = whitened * root[:, 1:]
     freedom = np.ones(rows.shape)
     freedom[:, 1:] -= columns.leverage().reshape(records, -1)[:, : bins - 1]
     return remainder, np.clip(freedom, 0.0, 1.0, out=freedom)

@@ -28,6 +28,8 @@ class Residuals:
         fitted: count of numbers that were fitted to each record, shape (R,); None: none.
         unfitted: share of the noise of each bin that numbers fitted to few bins leave, shape (R,
             K); None: all of it.
+        free_motion: columns that are fitted beside what is coherent with the motion, as a misfit
+            rings on, shape (R, n, K); None: none.
     """
 
     residual: ComplexArray
@@ -41,6 +43,7 @@ class Residuals:
     lines: BoolArray | None = None
     fitted: FloatArray | None = None
     unfitted: FloatArray | None = None
+    free_motion: ComplexArray | None = None
 
     def records(self, rows: slice) -> Residuals:
         """Return the residuals of some of the records."""
