@@ -7,6 +7,8 @@ A unit stands in a format's own field, in a row below the names, or in a name: "
   left. A ``scale`` that equals the factor would convert twice and is refused.
 - A unit of another kind than the calibration file states is refused, unless ``scale`` converts it:
   V for an acceleration, counts or pC for volts.
+- A word elsewhere in a name that may be a unit of the quantity ("acc_g", "[g] filtered") is refused
+  unless ``scale`` is given: it is either converted or not, and both would be a guess.
 - Where the calibration file leaves the unit of a response open, the file's is taken.
 """
 
@@ -39,6 +41,10 @@ _SAME_FACTOR = 1e-3  # relative; a scale this close to a conversion is that conv
 _SUFFIX = re.compile(r"^.*\w[_.\s-]+([^\W\d_]+)$")
 _RUN_ON = re.compile(r"^(?:t|time|timestamp|zeit|elapsed)(ms|us|ns|µs|μs)$", re.IGNORECASE)
 _TIME_NAMES = frozenset(VOCABULARY["times"])
+#: What parts the words of a name; of a dash, one between letters.
+_BETWEEN_WORDS = re.compile(r"[\s\[\](){}<>,;:|_\"']+|(?<=[^\W\d])-(?=[^\W\d])")
+_NOT_ASCII = re.compile(r"^[^!-~]+")
+_PREPOSITIONS = frozenset({"in"})  # the inch is written in brackets
 
 
 @dataclass(frozen=True)
@@ -124,6 +130,20 @@ def unit_in_name(name: str) -> str:
     return split_unit(short_name(name))[1]
 
 
+def _hidden_unit(name: str, target: Unit) -> str:
+    """Return a word in a name that may be another unit of a kind, whatever its case; "" for none.
+
+    A letter that is no ASCII may be a prefix in another encoding ("æV" for µV).
+    """
+    for word in _BETWEEN_WORDS.split(short_name(name)):
+        spellings = (word, word[:1].lower() + word[1:], word.lower(), _NOT_ASCII.sub("", word))
+        units = [unit for unit in map(parse_unit, spellings) if unit is not None]
+        kinds = [unit for unit in units if unit.dimension == target.dimension]
+        if kinds and word not in _PREPOSITIONS and parse_unit(word) != target:
+            return word
+    return ""
+
+
 def states_a_time_unit(name: str) -> bool:
     """Tell whether a column's name states the unit of its times."""
     return _is_a_time(_unit_of_time(name))
@@ -192,9 +212,10 @@ def reference_conversion(
     declared = _declared_unit(section, header_unit, column.source)
     text = declared or header_unit
     parsed = parse_unit(text)
-    if not text:
-        return ChannelConversion(1.0, header_unit)
     quantity_unit = QUANTITY_UNITS[section.quantity]
+    if not text:
+        _refuse_hidden_unit(column, section, quantity_unit, unit)
+        return ChannelConversion(1.0, header_unit)
     if parsed is not None and parsed.dimension == quantity_unit.dimension:
         if declared:
             return ChannelConversion(declared_factor(section, column.source), text)
@@ -310,6 +331,8 @@ def _convert(
     """Return the conversion of a channel that has a unit of its own."""
     parsed = parse_unit(text)
     target = parse_unit(unit)
+    if not text and target is not None:
+        _refuse_hidden_unit(column, section, target, unit)
     if not text or text == unit:
         return ChannelConversion(1.0, text)
     if parsed is not None and target is not None and parsed.dimension == target.dimension:
@@ -328,6 +351,24 @@ def _convert(
         remedy = f'set unit = "{text}"; or set scale to {unit} per {text}; or correct the file'
         raise column.refused(f"a multiple of {unit}", text, remedy, "unit")
     return ChannelConversion(1.0, text)
+
+
+def _refuse_hidden_unit(
+    column: SourceColumn, section: ReferenceSection | ResponseSection, target: Unit, unit: str
+) -> None:
+    """Refuse a name with a word that may be its unit, unless a scale says what the numbers are."""
+    word = _hidden_unit(column.last_name, target)
+    if not word or "scale" in section.model_fields_set:
+        return
+    factor = factor_between(word, unit)
+    conversion = f"to {unit} per {word}" if factor is None else f"= {factor:.9g}"
+    raise InputError(
+        "The name of a column may state its unit.",
+        expected=f"a unit behind the name in brackets, as in 'name [{unit}]', or scale",
+        found=f"{column.last_name!r}, where {word!r} may be the unit",
+        where=f"{column.source.file}, asked for by {column.key}",
+        remedy=f"set scale {conversion} if it is; scale = 1.0 if the column is in {unit}",
+    )
 
 
 def is_same_factor(scale: float, factor: float) -> bool:

@@ -1,4 +1,4 @@
-"""Read the rows of names and units above the columns of a text file, as makers write them."""
+"""Read the rows of names and units above the columns of a text file, in either order."""
 
 from __future__ import annotations
 
@@ -56,12 +56,10 @@ def names_and_units(
     """Return names and units of the columns, "" without, from the rows of cells above the data."""
     without = ("",) * columns
     above = [_fitting(row, delimiter, columns) for row in rows[-2:]]
-    names = above[-1] if above else None
-    if names is None:
-        return without, without
-    if len(above) > 1 and above[-2] is not None and _are_units(names, above[-2]):
-        return above[-2], names
-    return names, without
+    for units, names in (above[::-1], above) if len(above) > 1 else ():
+        if units is not None and names is not None and _are_units(units, names):
+            return names, units
+    return (above[-1] if above else None) or without, without
 
 
 def _fitting(row: list[str], delimiter: str, columns: int) -> tuple[str, ...] | None:
@@ -80,7 +78,7 @@ def _is_no_title(cell: str) -> bool:
 
 
 def _are_units(row: Sequence[str], names: Sequence[str]) -> bool:
-    """Tell whether a row below the names has units: known ones, in brackets, or words for none."""
+    """Tell whether a row beside the names has units: known ones, in brackets, or words for none."""
     recognised = unknown = 0
     for cell, name in zip(row, names, strict=True):
         if _BRACKETED.fullmatch(cell) or parse_unit(cell) is not None:
