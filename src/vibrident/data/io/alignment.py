@@ -296,6 +296,20 @@ def _delay_of_reference(response: ClockedChannel, reference: ClockedChannel) -> 
     is_one_clock = stamps[0] is stamps[1] and stamps[0] is not None
     start, reference_start = (clock.clock.start for clock in clocks)
     if (
+        None not in stamps
+        and start is not None
+        and reference_start is not None
+        and start.epoch != reference_start.epoch
+    ):
+        raise InputError(
+            "The times of the channels cannot be compared.",
+            expected="dates in both time columns, or seconds from one zero in both",
+            found="dates in the one, seconds from an unknown zero in the other",
+            where=f"{reference.column.source.file}, beside {response.column.source.file}",
+            remedy="write both on one clock; or take the times out of one file, if both channels "
+            "begin together",
+        )
+    if (
         is_one_clock
         or start is None
         or reference_start is None

@@ -19,6 +19,8 @@ from vibrident.data.io.timeline import Timeline, timeline_from, timeline_of
 from vibrident.data.records import FloatArray
 
 _MIN_STAMPS = 8  # fewer are no statement about a rate
+#: Relative; values that rise this close to a known rate, in some unit, are times.
+_LIKE_RATE = 0.01
 #: Seconds in a unit that a column of times without one may be in, beside a stated rate.
 _POSSIBLE_SECONDS = (1.0, 1e-3, 1e-6, 1e-9, 1e3, 60.0, 3600.0, 1 / 60, 1 / 3600)
 
@@ -61,6 +63,8 @@ class ClockReader:
     where: str
     main: ColumnFile
     _timelines: dict[tuple[int, int], Timeline | None] = field(default_factory=dict)
+    _rising: dict[tuple[int, int], bool] = field(default_factory=dict)
+    _main_hz: float | None = None  # of the first channel of the record's file
 
     def clock_of(
         self, source: ColumnFile, position: int, channels: Positions
@@ -98,6 +102,7 @@ class ClockReader:
         )
         if agreed is None:
             return None
+        self._main_hz = self._main_hz or agreed.rate_hz
         if (
             timeline is not None
             and timeline.is_uneven
@@ -124,7 +129,11 @@ class ClockReader:
             column
             for column in range(len(source.names))
             if column not in channels
-            and (is_time(SourceColumn(source, column).header) or source.in_seconds(column))
+            and (
+                is_time(SourceColumn(source, column).header)
+                or source.in_seconds(column)
+                or (source.clock(position) is None and self._rises_at_rate(source, column))
+            )
         ]
         if requested is not None and requested not in candidates:
             candidates = sorted([*candidates, requested])
@@ -138,6 +147,29 @@ class ClockReader:
             if first_of_requested == first or len(firsts) == 1:
                 return requested, True
         return first, requested is not None
+
+    def _rises_at_rate(self, source: ColumnFile, column: int) -> bool:
+        """Tell whether a column holds times by its values, at the known rate, whatever its name."""
+        key = (id(source), column)
+        rate_hz = self._known_rate()
+        if key not in self._rising and rate_hz is not None:
+            try:
+                seconds = SourceColumn(source, column).seconds
+                (values,) = source.load([column])
+            except InputError:  # text, or a column in another unit than of time
+                self._rising[key] = False
+            else:
+                unit_s = _unit_beside_rate(values, rate_hz)
+                self._rising[key] = unit_s is not None and seconds in (None, unit_s)
+        return self._rising.get(key, False)
+
+    def _known_rate(self) -> float | None:
+        """Return the rate of the calibration file, else of the record's file, if known by now."""
+        if self.stated_hz is not None or self.time_column is None:
+            return self.stated_hz or self._main_hz
+        column = self.main.position_of(self.time_column, "[sampling] time_column")
+        timeline = self._timeline(SourceColumn(self.main, column, "time_column"), needed=True)
+        return None if timeline is None else timeline.clock.rate_hz
 
     def _requested_column(self, source: ColumnFile, channels: Positions) -> int | None:
         """Return the column that the calibration file names, in this file; None for none."""
@@ -165,26 +197,19 @@ class ClockReader:
             (times,) = column.source.load([column.position])
             if needed:
                 return timeline_of(column, times)
-            seconds = column.seconds
             if times.size < _MIN_STAMPS or not np.all(np.isfinite(times)):
                 return None
-            if seconds is None and self.stated_hz is not None:
-                return self._timeline_beside_rate(column, times, self.stated_hz)
-            return timeline_of(column, times)
+            rate_hz = self.stated_hz or self._main_hz
+            unit_s = column.seconds
+            if unit_s is None and rate_hz is not None:
+                if np.all(np.diff(times) == 1.0):
+                    return None
+                unit_s = _unit_beside_rate(times, rate_hz)
+            return timeline_of(column, times, unit_s)
         except InputError:  # text, a counter, or times that go back: no clock
             if needed:
                 raise
             return None
-
-    def _timeline_beside_rate(
-        self, column: SourceColumn, times: FloatArray, rate_hz: float
-    ) -> Timeline | None:
-        """Return the timeline of a column without a unit, in that which suits the stated rate."""
-        usual = float(np.median(np.diff(times)))
-        if np.all(np.diff(times) == 1.0) or usual <= 0.0:
-            return None
-        unit_s = min(_POSSIBLE_SECONDS, key=lambda seconds: abs(usual * seconds * rate_hz - 1.0))
-        return timeline_of(column, times, unit_s)
 
     def _uneven_beside_rate(self, source: ColumnFile, column: int | None) -> InputError:
         return InputError(
@@ -194,6 +219,27 @@ class ClockReader:
             where=self._name(source, column),
             remedy="give time_column instead of rate_hz: the samples are evened by their times",
         )
+
+
+def _unit_beside_rate(times: FloatArray, rate_hz: float) -> float | None:
+    """Return the seconds in the unit in which times go on at a rate; None if in no usual one.
+
+    The steps of a counter are 1.
+    """
+    steps = np.diff(times)
+    if steps.size < _MIN_STAMPS - 1 or not np.all(np.isfinite(times)) or np.all(steps == 1.0):
+        return None
+    usual = (float(np.median(steps)), float(np.mean(steps)))  # rounded ones, and with gaps
+    if not np.all(steps >= 0.0) or min(usual) <= 0.0:
+        return None
+    return next(
+        (
+            seconds
+            for seconds in _POSSIBLE_SECONDS
+            if any(abs(step * seconds * rate_hz - 1.0) <= _LIKE_RATE for step in usual)
+        ),
+        None,
+    )
 
 
 def file_clock(source: ColumnFile, position: int) -> Clock | None:

@@ -95,13 +95,33 @@ def _leaves(
     tree: Mapping[str, Any], prefix: str = "", outer: Levels = ()
 ) -> Iterator[tuple[str, Any, Levels]]:
     """Yield name, value and the statements about it, nearest first, of all but structures."""
-    values = {name: _statement_value(value) for name, value in tree.items() if meaning_of(name)[0]}
+    values = {
+        name: _statement_value(value) for name, value in _remarks(tree) if meaning_of(name)[0]
+    }
     levels = [statements({n: value for n, value in values.items() if value is not None}), *outer]
     for name, value in tree.items():
         if isinstance(value, dict):
             yield from _leaves(value, f"{prefix}{name}.", levels)
         elif not name.startswith("__"):  # what SciPy says of the file
             yield f"{prefix}{name}", value, levels
+
+
+def _remarks(tree: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield names and values of a structure and of structures in it that hold no column.
+
+    These have their own name and one with the structure's in front of it: "fs" and "info fs".
+    """
+    yield from tree.items()
+    for outer, inner in tree.items():
+        if isinstance(inner, dict):
+            remarks = [*_remarks(inner)]
+            if not any(_is_column(value) for _, value in remarks):
+                yield from remarks
+                yield from ((f"{outer} {name}", value) for name, value in remarks)
+
+
+def _is_column(value: Any) -> bool:
+    return isinstance(value, mat5.Numbers | np.ndarray) and math.prod(value.shape) > 1
 
 
 def _statement_value(value: Any) -> Any:
