@@ -43,6 +43,8 @@ _RUN_ON = re.compile(r"^(?:t|time|timestamp|zeit|elapsed)(ms|us|ns|µs|μs)$", r
 _TIME_NAMES = frozenset(VOCABULARY["times"])
 #: What parts the words of a name; of a dash, one between letters.
 _BETWEEN_WORDS = re.compile(r"[\s\[\](){}<>,;:|_\"']+|(?<=[^\W\d])-(?=[^\W\d])")
+#: What stands in square brackets in place of a unit: an axis, or a channel's name or number.
+_LABEL = re.compile(r"[xyz]|[\W_]*|\w*\d+", re.IGNORECASE)
 _NOT_ASCII = re.compile(r"^[^!-~]+")
 _PREPOSITIONS = frozenset({"in"})  # the inch is written in brackets
 
@@ -82,15 +84,20 @@ class SourceColumn:
 
     @property
     def file_unit(self) -> tuple[str, bool]:
-        """Return the unit that the file states, and whether it stands in a field for units.
+        """Return the unit that the file states, and whether it stands in a place for units.
 
-        A unit in a name is a guess: only known ones count. "" for none.
+        That is a field, or square brackets. Elsewhere in a name, a unit is a guess: only known ones
+        count. "" for none.
         """
         unit = self.source.stated_unit(self.position)
         if unit and not is_no_unit(unit):
             return unit, True
-        unit = unit_in_name(self.header)
-        return (unit if parse_unit(unit) is not None else "", False)
+        name = short_name(self.last_name)
+        unit = unit_in_name(name)
+        if parse_unit(unit) is not None:
+            return unit, False
+        is_unknown = name.endswith("]") and not is_no_unit(unit) and not _LABEL.fullmatch(unit)
+        return (unit, True) if is_unknown else ("", False)
 
     @property
     def seconds(self) -> float | None:
@@ -340,8 +347,7 @@ def _convert(
         if factor != 1.0 and is_same_factor(section.scale, factor):
             raise _double_conversion_error(column, text, section.scale)
         return ChannelConversion(factor, text)
-    is_field = bool(column.source.stated_unit(column.position))
-    sure = is_field or (parsed is not None and not _is_time_like(parsed))
+    sure = column.file_unit[1] or (parsed is not None and not _is_time_like(parsed))
     if (
         sure
         and abs(section.scale) == 1.0

@@ -48,6 +48,7 @@ _TOKEN = re.compile(
 _PHRASES = (
     (re.compile(r"\bper\b", re.IGNORECASE), "/"),
     (re.compile(r"\bsquared\b|\bsquare\b|\bsq\b\.?", re.IGNORECASE), "^2"),
+    (re.compile(r"\b([numck]?m|in|ft)ps(?=\b|\^?2)"), r"\1/s"),  # mmps, mps2
     (re.compile(r"\*\*"), "^"),
     (re.compile(r"\s+\^"), "^"),
     (re.compile(r"(?<=[^\W_])\.(?=[^\W\d_])"), "*"),  # V.s2/m
