@@ -371,6 +371,9 @@ def test_metadata_of_pandas(tmp_path):
     source = open_columns(tmp_path / "x.parquet")
     assert [source.stated_unit(p) for p in range(3)] == ["g", "mV", ""]
     assert {source.clock(p).rate_hz for p in range(3)} == {51200.0}
+    inside = json.dumps({"attributes": {"a": {"unit": "g"}, "fs": 1}, "columns": []})
+    pq.write_table(table.replace_schema_metadata({"pandas": inside}), tmp_path / "x.parquet")
+    assert [open_columns(tmp_path / "x.parquet").stated_unit(p) for p in range(2)] == ["g", ""]
     pq.write_table(table.replace_schema_metadata({"unit": "g", "dt": "1e-3"}), tmp_path / "x.parquet")
     source = open_columns(tmp_path / "x.parquet")
     assert {source.stated_unit(p) for p in range(3)} == {"g"}
@@ -675,6 +678,40 @@ def test_a_name_means_one_thing_whatever_its_signs(name):
     expected |= {"wf_start_time": "start", "Ts ": "interval"}
     assert meaning_of(name)[0] == expected.get(name, "")
     assert meaning_of(name * 200)[0] == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "meaning"),
+    [
+        ("Einheit", "unit"), ("Sensor Unit", "unit"), ("unit_label", "unit"), ("a_unit", "unit a"),
+        ("Abtastrate", "rate"), ("f_s", "rate"), ("sampling_frequency_in_Hz", "rate"), ("sampleRatePerSec", "rate"),
+        ("Delta_X", "interval"), ("increment", ""), ("rate", ""), ("FS", ""),
+    ],
+)  # fmt: skip
+def test_names_of_text_heads_are_those_of_metadata(name, meaning):
+    assert meaning_of(name)[0] == meaning
+
+
+def test_the_name_of_a_column_stands_in_that_of_its_unit(tmp_path):
+    with h5py.File(tmp_path / "x.h5", "w") as file:
+        file.update({"a": SIGNAL, "v": SIGNAL, "time": np.arange(20.0)})
+        file.attrs.update({"a_unit": "g", "v_unit": "mV", "time_unit": "ms"})
+    source = open_columns(tmp_path / "x.h5")
+    assert [source.stated_unit(p) for p in range(3)] == ["g", "ms", "mV"]
+
+
+def test_structures_without_columns_state_what_their_structure_is(tmp_path):
+    """As of Testlab, and of people who keep a rate in info.fs."""
+    axis = {"start_value": 0.0, "increment": 1e-3}
+    content = {
+        "s": {"x_values": axis, "y_values": {"values": SIGNAL, "quantity": {"label": "g"}}},
+        "a": SIGNAL,
+        "info": {"fs": 500.0},
+    }
+    scipy.io.savemat(tmp_path / "x.mat", content)
+    source = open_columns(tmp_path / "x.mat")
+    stated = {name: (source.clock(i).rate_hz, source.stated_unit(i)) for i, name in enumerate(source.names)}
+    assert stated == {"s.y_values.values": (1000.0, "g"), "a": (500.0, "")}
 
 
 def test_a_damaged_heap_of_texts_is_refused(tmp_path, refused):

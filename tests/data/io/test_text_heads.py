@@ -354,6 +354,7 @@ UNITS = {
     "words": ("t,a,v\nsecond,Metre per second squared,Volts\n", ("second", "Metre per second squared", "Volts")),
     "square brackets": ("t;a;v\n[s];[g];[V]\n", ("s", "g", "V")),
     "round brackets": ("t,a,v\n(ms),(V),(mV)\n", ("ms", "V", "mV")),
+    "above the names": ("s;g;mV\nt;a;v\n", ("s", "g", "mV")),
     "in a comment": ("# units: s, m/s^2, mV\nt,a,v\n", ("s", "m/s^2", "mV")),
     "in the last comment": ("# t,a,v\n# s,m/s²,mV\n", ("s", "m/s²", "mV")),
     "a sensitivity": ("t,a,v\ns,g,mV/(m/s²)\n", ("s", "g", "mV/(m/s²)")),

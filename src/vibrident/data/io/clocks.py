@@ -19,6 +19,7 @@ from vibrident.data.io.timeline import Timeline, timeline_from, timeline_of
 from vibrident.data.records import FloatArray
 
 _MIN_STAMPS = 8  # fewer are no statement about a rate
+_SAME_START = 1e-3  # of an interval, within which two columns of times begin together
 #: Relative; values that rise this close to a known rate, in some unit, are times.
 _LIKE_RATE = 0.01
 #: Seconds in a unit that a column of times without one may be in, beside a stated rate.
@@ -84,6 +85,8 @@ class ClockReader:
         if column is not None:
             needed = is_asked_for or (self.stated_hz is None and clock is None)
             timeline = self._timeline(SourceColumn(source, column, "time_column"), needed=needed)
+            if timeline is not None and len(channels) > 1:
+                self._require_one_clock(source, column, timeline, {*channels})
         else:
             timeline = _timeline_of_stamps(source, position)
         declared = None if self.stated_hz is None else stated_clock(self.stated_hz)
@@ -128,12 +131,7 @@ class ClockReader:
         candidates = [
             column
             for column in range(len(source.names))
-            if column not in channels
-            and (
-                is_time(SourceColumn(source, column).header)
-                or source.in_seconds(column)
-                or (source.clock(position) is None and self._rises_at_rate(source, column))
-            )
+            if column not in channels and self._holds_times(source, column, position)
         ]
         if requested is not None and requested not in candidates:
             candidates = sorted([*candidates, requested])
@@ -147,6 +145,14 @@ class ClockReader:
             if first_of_requested == first or len(firsts) == 1:
                 return requested, True
         return first, requested is not None
+
+    def _holds_times(self, source: ColumnFile, column: int, position: int) -> bool:
+        """Tell whether a column holds times by its name or type; by its values beside no clock."""
+        return (
+            is_time(SourceColumn(source, column).header)
+            or source.in_seconds(column)
+            or (source.clock(position) is None and self._rises_at_rate(source, column))
+        )
 
     def _rises_at_rate(self, source: ColumnFile, column: int) -> bool:
         """Tell whether a column holds times by its values, at the known rate, whatever its name."""
@@ -195,21 +201,42 @@ class ClockReader:
         """Read a column of times; None if it states nothing about a rate that is known."""
         try:
             (times,) = column.source.load([column.position])
-            if needed:
-                return timeline_of(column, times)
-            if times.size < _MIN_STAMPS or not np.all(np.isfinite(times)):
-                return None
             rate_hz = self.stated_hz or self._main_hz
-            unit_s = column.seconds
-            if unit_s is None and rate_hz is not None:
-                if np.all(np.diff(times) == 1.0):
-                    return None
+            unit_s = None
+            if rate_hz is not None and column.seconds is None:
                 unit_s = _unit_beside_rate(times, rate_hz)
+                if unit_s is None and not needed and np.all(np.diff(times) == 1.0):
+                    return None
+            if not needed and (times.size < _MIN_STAMPS or not np.all(np.isfinite(times))):
+                return None
             return timeline_of(column, times, unit_s)
         except InputError:  # text, a counter, or times that go back: no clock
             if needed:
                 raise
             return None
+
+    def _require_one_clock(
+        self, source: ColumnFile, column: int, timeline: Timeline, channels: set[int]
+    ) -> None:
+        """Refuse times side by side of two channels whose starts differ: whose is which?"""
+        start = timeline.clock.start
+        for beside in {column - 1, column + 1} & {*range(len(source.names))} - channels:
+            if not self._holds_times(source, beside, min(channels)):
+                continue
+            other = self._timeline(SourceColumn(source, beside, "time_column"), needed=False)
+            later = None if other is None else other.clock.start
+            if start is None or later is None or start.epoch or later.epoch:
+                continue
+            apart_s = (later.ns - start.ns) * 1e-9
+            if abs(apart_s) > max(_SAME_START / timeline.clock.rate_hz, timeline.rounding_s):
+                raise InputError(
+                    "Two time columns side by side state different starts.",
+                    expected="one clock, or each channel's times directly before the channel",
+                    found=f"{source.names[beside]!r}, {apart_s:+.9g} s from "
+                    f"{source.names[column]!r}",
+                    where=source.file,
+                    remedy="remove the column that does not count, or move each before its channel",
+                )
 
     def _uneven_beside_rate(self, source: ColumnFile, column: int | None) -> InputError:
         return InputError(

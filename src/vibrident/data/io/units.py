@@ -91,6 +91,7 @@ def is_row_counter(text: str) -> bool:
 def parse_unit(text: str) -> Unit | None:
     """Return the unit that a text names; None where it names none that is known."""
     plain = unicodedata.normalize("NFKC", text.strip()).translate(PLAIN_SIGNS)
+    plain = without_brackets(plain)
     if is_no_unit(plain) or len(plain) > MAX_UNIT_LENGTH:
         return None
     plain = _RUN_TOGETHER.sub(r"(m/s^\1)", plain)
@@ -98,7 +99,7 @@ def parse_unit(text: str) -> Unit | None:
         return _named(plain)
     for pattern, sign in _PHRASES:
         plain = pattern.sub(sign, plain)
-    return _parse_product(without_brackets(plain))
+    return _parse_product(plain)
 
 
 def without_brackets(text: str) -> str:

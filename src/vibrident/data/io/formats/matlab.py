@@ -95,10 +95,12 @@ def _leaves(
     tree: Mapping[str, Any], prefix: str = "", outer: Levels = ()
 ) -> Iterator[tuple[str, Any, Levels]]:
     """Yield name, value and the statements about it, nearest first, of all but structures."""
-    values = {
-        name: _statement_value(value) for name, value in _remarks(tree) if meaning_of(name)[0]
-    }
-    levels = [statements({n: value for n, value in values.items() if value is not None}), *outer]
+    values: dict[str, Any] = {}
+    for path, value in _remarks(tree):
+        for name in (path, path.rpartition(" ")[2]):
+            if meaning_of(name)[0] and (stated := _statement_value(value)) is not None:
+                values.setdefault(name, stated)
+    levels = [statements(values), *outer]
     for name, value in tree.items():
         if isinstance(value, dict):
             yield from _leaves(value, f"{prefix}{name}.", levels)
@@ -106,21 +108,17 @@ def _leaves(
             yield f"{prefix}{name}", value, levels
 
 
-def _remarks(tree: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield names and values of a structure and of structures in it that hold no column.
-
-    These have their own name and one with the structure's in front of it: "fs" and "info fs".
-    """
-    yield from tree.items()
-    for outer, inner in tree.items():
-        if isinstance(inner, dict):
-            remarks = [*_remarks(inner)]
-            if not any(_is_column(value) for _, value in remarks):
-                yield from remarks
-                yield from ((f"{outer} {name}", value) for name, value in remarks)
+def _remarks(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield paths and values of a structure, and of those in it that hold no column."""
+    yield from ((f"{prefix}{name}", value) for name, value in tree.items())
+    for name, value in tree.items():
+        if isinstance(value, dict) and not _holds_column(value):
+            yield from _remarks(value, f"{prefix}{name} ")
 
 
-def _is_column(value: Any) -> bool:
+def _holds_column(value: Any) -> bool:
+    if isinstance(value, dict):
+        return any(map(_holds_column, value.values()))
     return isinstance(value, mat5.Numbers | np.ndarray) and math.prod(value.shape) > 1
 
 
