@@ -706,12 +706,18 @@ def test_structures_without_columns_state_what_their_structure_is(tmp_path):
     content = {
         "s": {"x_values": axis, "y_values": {"values": SIGNAL, "quantity": {"label": "g"}}},
         "a": SIGNAL,
+        "b": {"data": np.column_stack([SIGNAL, SIGNAL]), "units": np.array(["g ", "mV"])},
         "info": {"fs": 500.0},
     }
     scipy.io.savemat(tmp_path / "x.mat", content)
     source = open_columns(tmp_path / "x.mat")
     stated = {name: (source.clock(i).rate_hz, source.stated_unit(i)) for i, name in enumerate(source.names)}
-    assert stated == {"s.y_values.values": (1000.0, "g"), "a": (500.0, "")}
+    assert stated == {
+        "s.y_values.values": (1000.0, "g"),
+        "a": (500.0, ""),
+        "b.data:1": (500.0, "g"),
+        "b.data:2": (500.0, "mV"),
+    }
 
 
 def test_a_damaged_heap_of_texts_is_refused(tmp_path, refused):

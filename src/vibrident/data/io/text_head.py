@@ -36,8 +36,9 @@ _STATEMENT = re.compile(
         + ")"
         for kind, keys in _KEYS.items()
     )
-    + r") *(?:[\[(] *(?P<bracket>[^\])]{1,20}?) *[\])]|(?:in +|_|(?<= ))(?P<word>k?hz|[mµu]?s))? *"
-    + rf"(?:[{_SEPARATORS}]|(?= [+-]?\.?\d))",
+    + r")\.? *(?:[\[(] *(?P<bracket>[^\])]{1,20}?) *[\])]"
+    + r"|(?:in +|_|(?<= ))(?P<word>k?hz|[mµu]?s))? *"
+    + rf"(?:[{_SEPARATORS}]|[-=]>|(?:is|[-–])(?= )|(?= [+-]?\.?\d))",
     re.IGNORECASE,
 )
 _NUMBER = re.compile(r"([+-]?\.?\d[\d.,']*(?:[eE][+-]?\d+)?)\s*(.*)")
