@@ -121,6 +121,47 @@ def test_dates_beside_seconds_are_refused(tmp_path):
     assert read(path).records[0].samples == 400
 
 
+@pytest.mark.parametrize("sampling", ["# fs = 2048\n", "# dt = 0.48828125 ms\n", ""])
+def test_a_start_in_a_head_counts_beside_any_rate(tmp_path, sampling):
+    """It was left out where the calibration file states the rate, or the other file the times."""
+    time = np.arange(400) / RATE
+    later = time + 64.0 / RATE
+    for name, head, values in (("r.csv", "t0 = 0.03125 s\n", motion(later)), ("x.csv", "t0 = 0 s\n", answer(time))):
+        rows = "".join(f"{value}\n" for value in values)
+        (tmp_path / name).write_text(f"# {head}{sampling}{'a' if name == 'r.csv' else 'v'}\n{rows}")
+    path = calibration(tmp_path, sampling=f"rate_hz = {RATE}", entry='reference_file = "r.csv"')
+    (record,) = read(path).records
+    np.testing.assert_allclose(record.reference, motion(later)[:336], atol=3e-4)
+    np.testing.assert_allclose(record.response, answer(time)[64:], atol=1e-5)
+    columns(tmp_path / "x.csv", time=decimals(time), v=answer(time))
+    if not sampling:
+        record = read(calibration(tmp_path, entry='reference_file = "r.csv"')).records[0]
+        np.testing.assert_allclose(record.reference, motion(later)[:336], atol=3e-4)
+
+
+@pytest.mark.parametrize("kind", ["text", "missing"])
+def test_times_that_cannot_be_read_are_no_common_start(tmp_path, kind):
+    time = np.arange(400) / RATE
+    stamps = [f"00:{second:09.6f}" for second in time] if kind == "text" else ["", *decimals(time)[1:]]
+    columns(tmp_path / "r.csv", time=stamps, a=motion(time))
+    columns(tmp_path / "x.csv", time=decimals(time + 1.0), v=answer(time))
+    path = calibration(tmp_path, sampling=f"rate_hz = {RATE}", entry='reference_file = "r.csv"')
+    with pytest.raises(InputError, match="is not known"):
+        read(path)
+    columns(tmp_path / "r.csv", a=motion(time))  # as the remedy says
+    columns(tmp_path / "x.csv", v=answer(time))
+    assert read(path).records[0].samples == 400
+
+
+@pytest.mark.parametrize("order", ["descending", "shuffled"])
+def test_rows_in_another_order_than_their_times_are_refused(tmp_path, rng, order):
+    rows = np.arange(400)[::-1] if order == "descending" else rng.permutation(400)
+    time = rows / RATE
+    columns(tmp_path / "x.csv", time=decimals(time), a=motion(time), v=answer(time))
+    with pytest.raises(InputError, match="order of their times"):
+        read(calibration(tmp_path, sampling=f"rate_hz = {RATE}"))
+
+
 @pytest.mark.parametrize("first", [739000.0, 46000.0])
 def test_day_numbers_are_not_taken_for_seconds(tmp_path, first):
     time = np.arange(400) / RATE

@@ -6,7 +6,7 @@ The rate of the calibration file must agree with what the files state, each with
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 
 import numpy as np
@@ -19,11 +19,12 @@ from vibrident.data.io.timeline import Timeline, timeline_from, timeline_of
 from vibrident.data.records import FloatArray
 
 _MIN_STAMPS = 8  # fewer are no statement about a rate
+_MAX_BACKWARDS = 0.25  # of the steps between times; more is no clock that is set back
 _SAME_START = 1e-3  # of an interval, within which two columns of times begin together
 #: Relative; values that rise this close to a known rate, in some unit, are times.
 _LIKE_RATE = 0.01
 #: Seconds in a unit that a column of times without one may be in, beside a stated rate.
-_POSSIBLE_SECONDS = (1.0, 1e-3, 1e-6, 1e-9, 1e3, 60.0, 3600.0, 1 / 60, 1 / 3600)
+_POSSIBLE_SECONDS = (1.0, 1e-3, 1e-6, 1e-9, 1e3, 60.0, 3600.0, 86400.0, 1 / 60, 1 / 3600)
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +34,12 @@ class ChannelClock:
     clock: Clock
     timeline: Timeline | None = None
     note: str = ""
+    has_unread_times: bool = False  # a column of times that are text, missing or go back
+
+    @classmethod
+    def with_start(cls, clock: ChannelClock, start: StartTime | None) -> ChannelClock:
+        """Return a clock, or its rate from a start where a channel's file states that alone."""
+        return clock if start is None else cls(replace(clock.clock, start=start))
 
     @property
     def is_even(self) -> bool:
@@ -65,6 +72,7 @@ class ClockReader:
     main: ColumnFile
     _timelines: dict[tuple[int, int], Timeline | None] = field(default_factory=dict)
     _rising: dict[tuple[int, int], bool] = field(default_factory=dict)
+    _unread: set[int] = field(default_factory=set)  # files with times that cannot be used
     _main_hz: float | None = None  # of the first channel of the record's file
 
     def clock_of(
@@ -89,10 +97,12 @@ class ClockReader:
                 self._require_one_clock(source, column, timeline, {*channels})
         else:
             timeline = _timeline_of_stamps(source, position)
-        declared = None if self.stated_hz is None else stated_clock(self.stated_hz)
+        declared = None
+        if self.stated_hz is not None:
+            declared = replace(stated_clock(self.stated_hz), start=source.start(position))
         if declared is not None and source is not self.main:
             if clock is None and timeline is None:
-                return ChannelClock(declared)
+                return ChannelClock(declared, has_unread_times=id(source) in self._unread)
             declared = None  # the rate of the record's file; another file states its own
         by_stamps = None if timeline is None else timeline.clock
         agreed = agreed_clock(
@@ -114,7 +124,8 @@ class ClockReader:
         ):
             raise self._uneven_beside_rate(source, column)
         notes = [timeline.note if timeline is not None else "", _rounding_note(agreed, declared)]
-        return ChannelClock(agreed, timeline, "; ".join(filter(None, notes)))
+        is_unread = timeline is None and id(source) in self._unread
+        return ChannelClock(agreed, timeline, "; ".join(filter(None, notes)), is_unread)
 
     def has_time_column(self, source: ColumnFile, position: int, channels: Positions) -> bool:
         """Return whether a column of the file gives the times of a channel; as ``clock_of``."""
@@ -207,12 +218,16 @@ class ClockReader:
                 unit_s = _unit_beside_rate(times, rate_hz)
                 if unit_s is None and not needed and np.all(np.diff(times) == 1.0):
                     return None
-            if not needed and (times.size < _MIN_STAMPS or not np.all(np.isfinite(times))):
+            if not needed and times.size < _MIN_STAMPS:
                 return None
+            if np.mean(np.diff(times) < 0.0) > _MAX_BACKWARDS:
+                needed = True
+                raise _rows_out_of_order(column)
             return timeline_of(column, times, unit_s)
-        except InputError:  # text, a counter, or times that go back: no clock
+        except InputError:  # text, missing ones, or times that go back: no clock
             if needed:
                 raise
+            self._unread.add(id(column.source))
             return None
 
     def _require_one_clock(
@@ -220,11 +235,11 @@ class ClockReader:
     ) -> None:
         """Refuse times side by side of two channels whose starts differ: whose is which?"""
         start = timeline.clock.start
-        for beside in {column - 1, column + 1} & {*range(len(source.names))} - channels:
-            if not self._holds_times(source, beside, min(channels)):
+        for neighbour in {column - 1, column + 1} & {*range(len(source.names))} - channels:
+            if not self._holds_times(source, neighbour, min(channels)):
                 continue
-            other = self._timeline(SourceColumn(source, beside, "time_column"), needed=False)
-            later = None if other is None else other.clock.start
+            line = self._timeline(SourceColumn(source, neighbour, "time_column"), needed=False)
+            later = None if line is None else line.clock.start
             if start is None or later is None or start.epoch or later.epoch:
                 continue
             apart_s = (later.ns - start.ns) * 1e-9
@@ -232,7 +247,7 @@ class ClockReader:
                 raise InputError(
                     "Two time columns side by side state different starts.",
                     expected="one clock, or each channel's times directly before the channel",
-                    found=f"{source.names[beside]!r}, {apart_s:+.9g} s from "
+                    found=f"{source.names[neighbour]!r}, {apart_s:+.9g} s from "
                     f"{source.names[column]!r}",
                     where=source.file,
                     remedy="remove the column that does not count, or move each before its channel",
@@ -246,6 +261,16 @@ class ClockReader:
             where=self._name(source, column),
             remedy="give time_column instead of rate_hz: the samples are evened by their times",
         )
+
+
+def _rows_out_of_order(column: SourceColumn) -> InputError:
+    return InputError(
+        "The rows are not in the order of their times.",
+        expected="times that increase from row to row",
+        found="many that decrease",
+        where=f"{column.source.file}, column {column.header!r}",
+        remedy="sort the rows by their times, or remove the times if they are wrong",
+    )
 
 
 def _unit_beside_rate(times: FloatArray, rate_hz: float) -> float | None:

@@ -173,7 +173,7 @@ def read_head(
         clock = _agreed(clocks, file)
         clock = clock and replace(clock, start=start)
         unit = without_brackets(units[0]) if units else ""
-        channels.append(Channel("", clock=clock, unit=unit, over_frequency=over_frequency))
+        channels.append(Channel("", None, clock, False, unit, over_frequency, start))
     return tuple(channels)
 
 

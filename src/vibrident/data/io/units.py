@@ -51,6 +51,7 @@ _PHRASES = (
     (re.compile(r"\b([numck]?m|in|ft)ps(?=\b|\^?2)"), r"\1/s"),  # mmps, mps2
     (re.compile(r"\*\*"), "^"),
     (re.compile(r"\s+\^"), "^"),
+    (re.compile(r"\^\{([+-]?\d)\}"), r"^\1"),  # TeX
     (re.compile(r"(?<=[^\W_])\.(?=[^\W\d_])"), "*"),  # V.s2/m
 )
 
