@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
+import scipy.io.wavfile
 from tests.support import file_formats as formats
 
 from vibrident.base import memory
@@ -670,6 +671,17 @@ def test_flac(tmp_path, refused):
         np.testing.assert_array_equal(source.block([1], 3, 9)[0], source.load([1])[0][3:9])
     path.write_bytes(path.read_bytes()[:90])
     refused(lambda: open_columns(path).load([0]), where="x.flac")
+
+
+def test_a_wav_file_that_is_cut_short_is_refused(tmp_path, refused):
+    """But not one whose writer did not know its size."""
+    path = tmp_path / "x.wav"
+    scipy.io.wavfile.write(path, 1000, SIGNAL.astype(np.float32))
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-8])
+    refused(lambda: open_columns(path), found="ends at byte", where="x.wav")
+    path.write_bytes(whole[:4] + b"\xff" * 4 + whole[8:])
+    assert open_columns(path).length(0) == SIGNAL.size
 
 
 @pytest.mark.parametrize("name", ["unit", "Fs", "dt_ms", "sampling rate (Hz)", "wf_start_time", "x", "Ts "])
