@@ -378,6 +378,11 @@ def test_a_row_of_units(tmp_path, head):
     assert source.names == (("t", "V", "A") if "symbols" in head else ("t", "a", "v"))
 
 
+def test_names_and_units_between_blanks(tmp_path):
+    source = opened(tmp_path, "t [s] a (g)  v [mV]\n" + table(times(1e-3), ACC, VOLT, gap="  "))
+    assert source.names == ("t [s]", "a (g)", "v [mV]")
+
+
 def test_a_line_of_the_head_is_not_the_first_row(tmp_path, refused):
     source = opened(tmp_path, "fs;1000\n" + table(ACC, VOLT, gap=";"))
     clock = source.clock(0)

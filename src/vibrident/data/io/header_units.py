@@ -42,7 +42,7 @@ _SUFFIX = re.compile(r"^.*\w[_.\s-]+([^\W\d_]+)$")
 _RUN_ON = re.compile(r"^(?:t|time|timestamp|zeit|elapsed)(ms|us|ns|µs|μs)$", re.IGNORECASE)
 _TIME_NAMES = frozenset(VOCABULARY["times"])
 #: What parts the words of a name; of a dash, one between letters.
-_BETWEEN_WORDS = re.compile(r"[\s\[\](){}<>,;:|_\"']+|(?<=[^\W\d])-(?=[^\W\d])")
+_BETWEEN_WORDS = re.compile(r"[\s\[\](){}<>,;:|_.=\"']+|(?<=[^\W\d])-(?=[^\W\d])")
 #: What stands in square brackets in place of a unit: an axis, or a channel's name or number.
 _LABEL = re.compile(r"[xyz]|[\W_]*|\w*\d+", re.IGNORECASE)
 _NOT_ASCII = re.compile(r"^[^!-~]+")

@@ -15,6 +15,7 @@ from vibrident.data.io.vocabulary import VOCABULARY
 COMMENTS = frozenset(VOCABULARY["comments"])
 _NUMBER = re.compile(r"[+-]?\d*\.?\d+(?:[eE][+-]?\d+)?")
 _BRACKETED = re.compile(r"\[.*\]|\(.*\)|<.*>")
+_WITH_UNIT = re.compile(r"[^ ]+(?: (?:\[[^] ]*\]|\([^) ]*\)))?")
 #: Of an abscissa.
 TIME_NAMES = re.compile(
     r"(?:x|t|x[ _-]?(?:value|axis|achse)|time\w*|zeit|seconds?|source|f|freq\w*)\b", re.IGNORECASE
@@ -66,6 +67,8 @@ def _fitting(row: list[str], delimiter: str, columns: int) -> tuple[str, ...] | 
     """Return a row's cells above the columns; None if it is of another width."""
     if columns == 1 and delimiter == BLANKS:
         return (" ".join(row),)  # the name of a single column may contain blanks
+    if delimiter == BLANKS and len(row) > columns:  # "a [g]" is one name
+        row = _WITH_UNIT.findall(" ".join(row))
     fits = len(row) >= columns and all(map(_is_no_title, row[columns:]))
     return tuple(row[:columns]) if fits else None
 
