@@ -179,10 +179,11 @@ def test_times_of_as_many_digits_are_even(tmp_path):
     assert record.samples == 400
 
 
-def test_two_rows_are_too_few(tmp_path):
-    columns(tmp_path / "x.csv", time=[0.0, 0.1], a=[1.0, 2.0], v=[1.0, 2.0])
-    with pytest.raises(InputError, match="too short"):
-        read(calibration(tmp_path))
+@pytest.mark.parametrize("rows", [1, 2])
+def test_one_or_two_rows_are_too_few(tmp_path, rows):
+    columns(tmp_path / "x.csv", time=[0.0, 0.1][:rows], a=[1.0, 2.0][:rows], v=[1.0, 2.0][:rows])
+    with pytest.raises(InputError, match=r"too short|two rows"):
+        read(calibration(tmp_path, sampling='time_column = "time"'))
 
 
 def test_two_time_columns_side_by_side_are_one_clock(tmp_path):

@@ -220,7 +220,7 @@ class ClockReader:
                     return None
             if not needed and times.size < _MIN_STAMPS:
                 return None
-            if np.mean(np.diff(times) < 0.0) > _MAX_BACKWARDS:
+            if np.count_nonzero(np.diff(times) < 0.0) > _MAX_BACKWARDS * times.size:
                 needed = True
                 raise _rows_out_of_order(column)
             return timeline_of(column, times, unit_s)
