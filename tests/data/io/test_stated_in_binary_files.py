@@ -712,6 +712,16 @@ def test_the_name_of_a_column_stands_in_that_of_its_unit(tmp_path):
     assert [source.stated_unit(p) for p in range(3)] == ["g", "ms", "mV"]
 
 
+def test_groups_without_columns_state_what_their_group_is(tmp_path):
+    with h5py.File(tmp_path / "x.h5", "w") as file:
+        file.update({"a": SIGNAL, "b/v": SIGNAL, "meta/fs": 500.0, "b/info/unit": "mV"})
+        file.create_group("b/daq").attrs["dt_ms"] = 1.0
+        file["b/daq/serial"] = 12345
+    source = open_columns(tmp_path / "x.h5")
+    stated = {name: (source.clock(i).rate_hz, source.stated_unit(i)) for i, name in enumerate(source.names)}
+    assert stated == {"a": (500.0, ""), "b/v": (1000.0, "mV")}
+
+
 def test_structures_without_columns_state_what_their_structure_is(tmp_path):
     """As of Testlab, and of people who keep a rate in info.fs."""
     axis = {"start_value": 0.0, "increment": 1e-3}
