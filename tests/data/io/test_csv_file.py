@@ -59,6 +59,7 @@ LAYOUTS = {
     "blank lines between": text().replace("\n0.5", "\n\n  \n0.5"),
     "rows of separators at the end": text() + ",,\r\n" * 5000,
     "end mark": text() + "\x1a",
+    "end mark of a sector": text() + "\x1a" + "\0" * 500,
     "end mark and more": text("\t") + "\r\n\x1a\x1a\x1a\n",
     "UTF-16": text().encode("utf-16"),
     "UTF-16, big end first": "\ufeff".encode("utf-16-be") + text(";", ",").encode("utf-16-be"),

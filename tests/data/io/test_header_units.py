@@ -88,6 +88,38 @@ def test_the_header_tells_the_unit_of_a_response_where_none_is_stated(tmp_path, 
 
 
 @pytest.mark.parametrize(
+    ("names", "word"),
+    [
+        (("ref_g", "out"), "'g'"), (("[g] ref", "out"), "'g'"), (("ref [g] (filtered)", "out"), "'g'"),
+        (("ref [g RMS]", "out"), "'g RMS'"), (("ref: mg", "out"), "'mg'"), (("ref.g", "out"), "'g'"),
+        (("ref [foo]", "out"), "'foo'"),
+        (("ref", "out_mV"), "'mV'"), (("ref", "out - MV"), "'MV'"), (("ref", "out [æV]"), "'æV'"),
+        (("ref", "out"), ""), (("ref [ch1]", "out [x]"), ""), (("ref, m/s²", "out_V"), ""),
+    ],
+)  # fmt: skip
+def test_a_word_that_may_be_a_unit_is_refused_unless_a_scale_is_given(tmp_path, names, word):
+    """Each went through without its factor."""
+    path = write_records(tmp_path, "t", 1.0, names=names, head="", sampling="rate_hz = 2000.0")
+    stated = path.read_text() + 'unit = "V"\n'
+    path.write_text(stated)
+    if word:
+        with pytest.raises(InputError, match=r"unit|contradicts") as caught:
+            read(path)
+        assert word in str(caught.value)
+        assert "scale" in caught.value.remedy
+    path.write_text(stated.replace("column = 2", "column = 2\nscale = 1.0") + "scale = 2.0\n")
+    (record,) = read(path).records
+    np.testing.assert_allclose(record.reference, np.sin(0.3 * np.arange(200)), atol=1e-6)
+
+
+def test_a_unit_behind_a_comma(tmp_path):
+    path = write_records(tmp_path, "t", 1.0, names=('"ref, mg"', '"out, mV"'), sampling="rate_hz = 2000.0")
+    (record,) = read(path).records
+    np.testing.assert_allclose(record.reference, 9.80665e-3 * np.sin(0.3 * np.arange(200)), atol=1e-6)
+    np.testing.assert_allclose(record.response, 1e-3 * np.cos(0.3 * np.arange(200)), atol=1e-6)
+
+
+@pytest.mark.parametrize(
     ("names", "head"),
     [
         (("ref (V)", "out (V)"), "scale = 10.0\n"),

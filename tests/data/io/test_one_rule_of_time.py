@@ -78,6 +78,114 @@ def test_a_second_time_column_is_the_clock_of_what_follows_it(tmp_path):
         require_truth(calibration(tmp_path, sampling=sampling))
 
 
+@pytest.mark.parametrize("name", ["clock", "laser time [s]", "t_ref"])
+@pytest.mark.parametrize("sampling", ['time_column = "t [s]"', f"rate_hz = {RATE}"])
+def test_times_of_a_reference_file_count_whatever_their_name(tmp_path, name, sampling):
+    """By their values at the known rate; they were left out: a delay of 25 samples that is none."""
+    time = np.arange(4096) / RATE
+    later = time + 25.0 / RATE
+    columns(tmp_path / "r.csv", **{name: decimals(1e3 * later if name == "clock" else later), "a": motion(later)})
+    columns(tmp_path / "x.csv", **{"t [s]": decimals(time), "v": answer(time)})
+    path = calibration(tmp_path, sampling=sampling, entry='reference_file = "r.csv"')
+    assert require_truth(path).samples == 4071
+
+
+def test_times_named_after_their_channel(tmp_path):
+    time = np.arange(4096) / RATE
+    later = time + 25.0 / RATE
+    stamps = {"a_time": decimals(later), "a": motion(later), "v_time": decimals(time), "v": answer(time)}
+    columns(tmp_path / "x.csv", **stamps)
+    for sampling in ('time_column = "v_time"', 'time_column = "a_time"'):
+        (record,) = read(calibration(tmp_path, sampling=sampling)).records
+        assert record.samples == 4071
+        np.testing.assert_allclose(record.reference, motion(later)[:4071], atol=3e-4)
+        np.testing.assert_allclose(record.response, answer(time)[25:], atol=1e-5)
+
+
+def test_two_clocks_side_by_side_are_refused(tmp_path):
+    time = np.arange(400) / RATE
+    later = time + 25.0 / RATE
+    columns(tmp_path / "x.csv", t_ref=decimals(later), t_out=decimals(time), a=motion(later), v=answer(time))
+    with pytest.raises(InputError, match="different starts"):
+        read(calibration(tmp_path, sampling='time_column = "t_out"'))
+
+
+def test_dates_beside_seconds_are_refused(tmp_path):
+    time = np.arange(400) / RATE
+    columns(tmp_path / "r.csv", time=[f"2026-11-26T10:00:{second:09.6f}" for second in time], a=motion(time))
+    columns(tmp_path / "x.csv", time=decimals(time + 5.0), v=answer(time))
+    path = calibration(tmp_path, sampling='time_column = "time"', entry='reference_file = "r.csv"')
+    with pytest.raises(InputError, match="cannot be compared"):
+        read(path)
+    columns(tmp_path / "r.csv", a=motion(time))  # as the remedy says
+    assert read(path).records[0].samples == 400
+
+
+@pytest.mark.parametrize("sampling", ["# fs = 2048\n", "# dt = 0.48828125 ms\n", ""])
+def test_a_start_in_a_head_counts_beside_any_rate(tmp_path, sampling):
+    """It was left out where the calibration file states the rate, or the other file the times."""
+    time = np.arange(400) / RATE
+    later = time + 64.0 / RATE
+    for name, head, values in (("r.csv", "t0 = 0.03125 s\n", motion(later)), ("x.csv", "t0 = 0 s\n", answer(time))):
+        rows = "".join(f"{value}\n" for value in values)
+        (tmp_path / name).write_text(f"# {head}{sampling}{'a' if name == 'r.csv' else 'v'}\n{rows}")
+    path = calibration(tmp_path, sampling=f"rate_hz = {RATE}", entry='reference_file = "r.csv"')
+    (record,) = read(path).records
+    np.testing.assert_allclose(record.reference, motion(later)[:336], atol=3e-4)
+    np.testing.assert_allclose(record.response, answer(time)[64:], atol=1e-5)
+    columns(tmp_path / "x.csv", time=decimals(time), v=answer(time))
+    if not sampling:
+        record = read(calibration(tmp_path, entry='reference_file = "r.csv"')).records[0]
+        np.testing.assert_allclose(record.reference, motion(later)[:336], atol=3e-4)
+
+
+@pytest.mark.parametrize("kind", ["text", "missing"])
+def test_times_that_cannot_be_read_are_no_common_start(tmp_path, kind):
+    time = np.arange(400) / RATE
+    stamps = [f"00:{second:09.6f}" for second in time] if kind == "text" else ["", *decimals(time)[1:]]
+    columns(tmp_path / "r.csv", time=stamps, a=motion(time))
+    columns(tmp_path / "x.csv", time=decimals(time + 1.0), v=answer(time))
+    path = calibration(tmp_path, sampling=f"rate_hz = {RATE}", entry='reference_file = "r.csv"')
+    with pytest.raises(InputError, match="is not known"):
+        read(path)
+    columns(tmp_path / "r.csv", a=motion(time))  # as the remedy says
+    columns(tmp_path / "x.csv", v=answer(time))
+    assert read(path).records[0].samples == 400
+
+
+@pytest.mark.parametrize("order", ["descending", "shuffled"])
+def test_rows_in_another_order_than_their_times_are_refused(tmp_path, rng, order):
+    rows = np.arange(400)[::-1] if order == "descending" else rng.permutation(400)
+    time = rows / RATE
+    columns(tmp_path / "x.csv", time=decimals(time), a=motion(time), v=answer(time))
+    with pytest.raises(InputError, match="order of their times"):
+        read(calibration(tmp_path, sampling=f"rate_hz = {RATE}"))
+
+
+@pytest.mark.parametrize("first", [739000.0, 46000.0])
+def test_day_numbers_are_not_taken_for_seconds(tmp_path, first):
+    time = np.arange(400) / RATE
+    columns(tmp_path / "x.csv", time=(first + time / 86400.0).tolist(), a=motion(time), v=answer(time))
+    with pytest.raises(InputError, match="unit of the time column") as caught:
+        read(calibration(tmp_path))
+    assert "days" in caught.value.remedy
+
+
+def test_times_of_as_many_digits_are_even(tmp_path):
+    """Beyond 0.1 s they have a decimal less; they were taken for uneven, and resampled."""
+    time = np.arange(400) / RATE
+    columns(tmp_path / "x.csv", time=[f"{second:.6g}" for second in time], a=motion(time), v=answer(time))
+    (record,) = read(calibration(tmp_path)).records
+    assert record.samples == 400
+
+
+@pytest.mark.parametrize("rows", [1, 2])
+def test_one_or_two_rows_are_too_few(tmp_path, rows):
+    columns(tmp_path / "x.csv", time=[0.0, 0.1][:rows], a=[1.0, 2.0][:rows], v=[1.0, 2.0][:rows])
+    with pytest.raises(InputError, match=r"too short|two rows"):
+        read(calibration(tmp_path, sampling='time_column = "time"'))
+
+
 def test_two_time_columns_side_by_side_are_one_clock(tmp_path):
     time = np.arange(4096) / RATE
     dates = [f"2026-11-26T10:00:{second:09.6f}" for second in time]

@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
+import scipy.io.wavfile
 from tests.support import file_formats as formats
 
 from vibrident.base import memory
@@ -192,10 +193,10 @@ def test_several_units_are_those_of_the_columns(tmp_path):
         file["a"] = np.column_stack([SIGNAL, SIGNAL * 1j])
         file["a"].attrs["units"] = ["g", "mV"]
         file["b"] = np.column_stack([SIGNAL, SIGNAL])
-        file["b"].attrs["units"] = ["g", "mV", "V"]  # of what
+        file["b"].attrs["units"] = ["g", "mV", "V"]  # of what: no unit that is known
     source = open_columns(tmp_path / "x.h5")
     assert source.names == ("a:1.real", "a:1.imag", "a:2.real", "a:2.imag", "b:1", "b:2")
-    assert [source.stated_unit(p) for p in range(6)] == ["g", "g", "mV", "mV", "", ""]
+    assert [source.stated_unit(p) for p in range(6)] == ["g", "g", "mV", "mV", *["g or mV or V"] * 2]
 
 
 def test_netcdf_packing(tmp_path, refused):
@@ -371,6 +372,9 @@ def test_metadata_of_pandas(tmp_path):
     source = open_columns(tmp_path / "x.parquet")
     assert [source.stated_unit(p) for p in range(3)] == ["g", "mV", ""]
     assert {source.clock(p).rate_hz for p in range(3)} == {51200.0}
+    inside = json.dumps({"attributes": {"a": {"unit": "g"}, "fs": 1}, "columns": []})
+    pq.write_table(table.replace_schema_metadata({"pandas": inside}), tmp_path / "x.parquet")
+    assert [open_columns(tmp_path / "x.parquet").stated_unit(p) for p in range(2)] == ["g", ""]
     pq.write_table(table.replace_schema_metadata({"unit": "g", "dt": "1e-3"}), tmp_path / "x.parquet")
     source = open_columns(tmp_path / "x.parquet")
     assert {source.stated_unit(p) for p in range(3)} == {"g"}
@@ -669,12 +673,73 @@ def test_flac(tmp_path, refused):
     refused(lambda: open_columns(path).load([0]), where="x.flac")
 
 
+def test_a_wav_file_that_is_cut_short_is_refused(tmp_path, refused):
+    """But not one whose writer did not know its size."""
+    path = tmp_path / "x.wav"
+    scipy.io.wavfile.write(path, 1000, SIGNAL.astype(np.float32))
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-8])
+    refused(lambda: open_columns(path), found="ends at byte", where="x.wav")
+    path.write_bytes(whole[:4] + b"\xff" * 4 + whole[8:])
+    assert open_columns(path).length(0) == SIGNAL.size
+
+
 @pytest.mark.parametrize("name", ["unit", "Fs", "dt_ms", "sampling rate (Hz)", "wf_start_time", "x", "Ts "])
 def test_a_name_means_one_thing_whatever_its_signs(name):
     expected = {"unit": "unit", "Fs": "rate", "dt_ms": "interval", "sampling rate (Hz)": "rate"}
     expected |= {"wf_start_time": "start", "Ts ": "interval"}
     assert meaning_of(name)[0] == expected.get(name, "")
     assert meaning_of(name * 200)[0] == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "meaning"),
+    [
+        ("Einheit", "unit"), ("Sensor Unit", "unit"), ("unit_label", "unit"), ("a_unit", "unit a"),
+        ("Abtastrate", "rate"), ("f_s", "rate"), ("sampling_frequency_in_Hz", "rate"), ("sampleRatePerSec", "rate"),
+        ("Delta_X", "interval"), ("increment", ""), ("rate", ""), ("FS", ""),
+    ],
+)  # fmt: skip
+def test_names_of_text_heads_are_those_of_metadata(name, meaning):
+    assert meaning_of(name)[0] == meaning
+
+
+def test_the_name_of_a_column_stands_in_that_of_its_unit(tmp_path):
+    with h5py.File(tmp_path / "x.h5", "w") as file:
+        file.update({"a": SIGNAL, "v": SIGNAL, "time": np.arange(20.0)})
+        file.attrs.update({"a_unit": "g", "v_unit": "mV", "time_unit": "ms"})
+    source = open_columns(tmp_path / "x.h5")
+    assert [source.stated_unit(p) for p in range(3)] == ["g", "ms", "mV"]
+
+
+def test_groups_without_columns_state_what_their_group_is(tmp_path):
+    with h5py.File(tmp_path / "x.h5", "w") as file:
+        file.update({"a": SIGNAL, "b/v": SIGNAL, "meta/fs": 500.0, "b/info/unit": "mV"})
+        file.create_group("b/daq").attrs["dt_ms"] = 1.0
+        file["b/daq/serial"] = 12345
+    source = open_columns(tmp_path / "x.h5")
+    stated = {name: (source.clock(i).rate_hz, source.stated_unit(i)) for i, name in enumerate(source.names)}
+    assert stated == {"a": (500.0, ""), "b/v": (1000.0, "mV")}
+
+
+def test_structures_without_columns_state_what_their_structure_is(tmp_path):
+    """As of Testlab, and of people who keep a rate in info.fs."""
+    axis = {"start_value": 0.0, "increment": 1e-3}
+    content = {
+        "s": {"x_values": axis, "y_values": {"values": SIGNAL, "quantity": {"label": "g"}}},
+        "a": SIGNAL,
+        "b": {"data": np.column_stack([SIGNAL, SIGNAL]), "units": np.array(["g ", "mV"])},
+        "info": {"fs": 500.0},
+    }
+    scipy.io.savemat(tmp_path / "x.mat", content)
+    source = open_columns(tmp_path / "x.mat")
+    stated = {name: (source.clock(i).rate_hz, source.stated_unit(i)) for i, name in enumerate(source.names)}
+    assert stated == {
+        "s.y_values.values": (1000.0, "g"),
+        "a": (500.0, ""),
+        "b.data:1": (500.0, "g"),
+        "b.data:2": (500.0, "mV"),
+    }
 
 
 def test_a_damaged_heap_of_texts_is_refused(tmp_path, refused):

@@ -246,6 +246,11 @@ PEOPLE = {
     "Chinese": ("采样率：2000 Hz\nt,a,v\n".replace("：", ":"), ",", 2000.0),
     "Russian": ("# Частота дискретизации: 2000 Гц\nt,a,v\n", ",", 2000.0),
     "a rate of something": ("Baud rate: 9600\nRate: 5\nHeart rate: 60 Hz\nt,a,v\n", ",", None),
+    "a dot behind a short word": ("Sampling freq. (kHz): 5\nt;a;v\n", ";", 5000.0),
+    "a dash": ("# Sample rate - 5000 Hz\nt,a,v\n", ",", 5000.0),
+    "is": ("# Sample rate is 5000 Hz\nt,a,v\n", ",", 5000.0),
+    "an arrow": ("# sampling_rate -> 5000\nt,a,v\n", ",", 5000.0),
+    "a symbol": ("# f_s = 5000 Hz\nt,a,v\n", ",", 5000.0),
     "JSON": ('# {"n": 40, "fs": 1000}\nt,a,v\n', ",", 1000.0),
     "without the word rate": ("# Sampling: 2 kHz\nt,a,v\n", ",", 2000.0),
     "words of anything": ("# Delta: 5\n# delta: 5 %\n# interval: 3 mm\n# increment = 1\nt,a,v\n", ",", None),
@@ -354,6 +359,7 @@ UNITS = {
     "words": ("t,a,v\nsecond,Metre per second squared,Volts\n", ("second", "Metre per second squared", "Volts")),
     "square brackets": ("t;a;v\n[s];[g];[V]\n", ("s", "g", "V")),
     "round brackets": ("t,a,v\n(ms),(V),(mV)\n", ("ms", "V", "mV")),
+    "above the names": ("s;g;mV\nt;a;v\n", ("s", "g", "mV")),
     "in a comment": ("# units: s, m/s^2, mV\nt,a,v\n", ("s", "m/s^2", "mV")),
     "in the last comment": ("# t,a,v\n# s,m/s²,mV\n", ("s", "m/s²", "mV")),
     "a sensitivity": ("t,a,v\ns,g,mV/(m/s²)\n", ("s", "g", "mV/(m/s²)")),
@@ -370,6 +376,11 @@ def test_a_row_of_units(tmp_path, head):
     source = opened(tmp_path, lines + table(times(1e-3), ACC, VOLT, gap=";" if ";" in lines else ","))
     assert tuple(source.stated_unit(p) for p in range(3)) == units
     assert source.names == (("t", "V", "A") if "symbols" in head else ("t", "a", "v"))
+
+
+def test_names_and_units_between_blanks(tmp_path):
+    source = opened(tmp_path, "t [s] a (g)  v [mV]\n" + table(times(1e-3), ACC, VOLT, gap="  "))
+    assert source.names == ("t [s]", "a (g)", "v [mV]")
 
 
 def test_a_line_of_the_head_is_not_the_first_row(tmp_path, refused):

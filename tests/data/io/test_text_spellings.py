@@ -106,6 +106,16 @@ def test_quoted_numbers_with_separators_of_thousands_are_refused(tmp_path, refus
     refused(lambda: opened(tmp_path, content), problem="thousands", found="'1,234.50'", where="line")
 
 
+@pytest.mark.parametrize(("gap", "sign"), [(";", "."), (";", ","), ("\t", ".")])
+def test_integers_with_separators_of_thousands_are_refused(tmp_path, refused, gap, sign):
+    """12.345 and 678 were read as 12.345 and 678."""
+    numbers = [f"{7919 * n % 40000 - 20000:,d}".replace(",", sign) for n in range(40)]
+    content = f"t{gap}v\n" + "".join(f"{n}{gap}{number}\n" for n, number in enumerate(numbers))
+    refused(lambda: opened(tmp_path, content), problem="thousands", where="line 2, column 2", found="-20")
+    decimals = content.replace(f"{sign}000\n", f"{sign}5\n")  # of another number in a row
+    assert opened(tmp_path, decimals).load([1])[0][0] == -20.5
+
+
 @pytest.mark.usefixtures("_way")
 def test_remarks_behind_some_rows_are_left_out(tmp_path):
     rows = [f"0.{n:02d}\t1.5\t{n}" + ("\tshaker on" if n in (0, 7) else "") for n in range(30)]

@@ -289,12 +289,30 @@ def _delay_of_reference(response: ClockedChannel, reference: ClockedChannel) -> 
     Both are 0 where the channels are sampled together, or nothing else is known.
     """
     clocks = (response.clock, reference.clock)
+    if response.column.source is not reference.column.source:
+        for channel in (response, reference):
+            if channel.clock.has_unread_times:
+                raise _unread_times(channel)
     is_same = all(clock.is_even for clock in clocks)
     is_same = is_same and is_same_rate(*(clock.clock for clock in clocks))
     has_length = reference.values.size == response.values.size
     stamps = [clock.timeline for clock in clocks]
     is_one_clock = stamps[0] is stamps[1] and stamps[0] is not None
     start, reference_start = (clock.clock.start for clock in clocks)
+    if (
+        None not in stamps
+        and start is not None
+        and reference_start is not None
+        and start.epoch != reference_start.epoch
+    ):
+        raise InputError(
+            "The times of the channels cannot be compared.",
+            expected="dates in both time columns, or seconds from one zero in both",
+            found="dates in the one, seconds from an unknown zero in the other",
+            where=f"{reference.column.source.file}, beside {response.column.source.file}",
+            remedy="write both on one clock; or take the times out of one file, if both channels "
+            "begin together",
+        )
     if (
         is_one_clock
         or start is None
@@ -310,6 +328,16 @@ def _delay_of_reference(response: ClockedChannel, reference: ClockedChannel) -> 
         return 0.0, 0.0
     variance = sum(line.rounding_s**2 / 12.0 for line in stamps if line is not None)
     return delay_s, math.sqrt(variance)
+
+
+def _unread_times(channel: ClockedChannel) -> InputError:
+    return InputError(
+        "When the channels of two files began is not known.",
+        expected="times that can be read in both files, or no times in both",
+        found="times that are text, missing, or go back",
+        where=channel.column.source.file,
+        remedy="repair the times; or remove them from both files, if both channels begin together",
+    )
 
 
 def _length_error(response: ClockedChannel, reference: ClockedChannel) -> InputError:

@@ -6,7 +6,7 @@ The rate of the calibration file must agree with what the files state, each with
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 
 import numpy as np
@@ -19,8 +19,12 @@ from vibrident.data.io.timeline import Timeline, timeline_from, timeline_of
 from vibrident.data.records import FloatArray
 
 _MIN_STAMPS = 8  # fewer are no statement about a rate
+_MAX_BACKWARDS = 0.25  # of the steps between times; more is no clock that is set back
+_SAME_START = 1e-3  # of an interval, within which two columns of times begin together
+#: Relative; values that rise this close to a known rate, in some unit, are times.
+_LIKE_RATE = 0.01
 #: Seconds in a unit that a column of times without one may be in, beside a stated rate.
-_POSSIBLE_SECONDS = (1.0, 1e-3, 1e-6, 1e-9, 1e3, 60.0, 3600.0, 1 / 60, 1 / 3600)
+_POSSIBLE_SECONDS = (1.0, 1e-3, 1e-6, 1e-9, 1e3, 60.0, 3600.0, 86400.0, 1 / 60, 1 / 3600)
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +34,12 @@ class ChannelClock:
     clock: Clock
     timeline: Timeline | None = None
     note: str = ""
+    has_unread_times: bool = False  # a column of times that are text, missing or go back
+
+    @classmethod
+    def with_start(cls, clock: ChannelClock, start: StartTime | None) -> ChannelClock:
+        """Return a clock, or its rate from a start where a channel's file states that alone."""
+        return clock if start is None else cls(replace(clock.clock, start=start))
 
     @property
     def is_even(self) -> bool:
@@ -61,6 +71,9 @@ class ClockReader:
     where: str
     main: ColumnFile
     _timelines: dict[tuple[int, int], Timeline | None] = field(default_factory=dict)
+    _rising: dict[tuple[int, int], bool] = field(default_factory=dict)
+    _unread: set[int] = field(default_factory=set)  # files with times that cannot be used
+    _main_hz: float | None = None  # of the first channel of the record's file
 
     def clock_of(
         self, source: ColumnFile, position: int, channels: Positions
@@ -80,12 +93,16 @@ class ClockReader:
         if column is not None:
             needed = is_asked_for or (self.stated_hz is None and clock is None)
             timeline = self._timeline(SourceColumn(source, column, "time_column"), needed=needed)
+            if timeline is not None and len(channels) > 1:
+                self._require_one_clock(source, column, timeline, {*channels})
         else:
             timeline = _timeline_of_stamps(source, position)
-        declared = None if self.stated_hz is None else stated_clock(self.stated_hz)
+        declared = None
+        if self.stated_hz is not None:
+            declared = replace(stated_clock(self.stated_hz), start=source.start(position))
         if declared is not None and source is not self.main:
             if clock is None and timeline is None:
-                return ChannelClock(declared)
+                return ChannelClock(declared, has_unread_times=id(source) in self._unread)
             declared = None  # the rate of the record's file; another file states its own
         by_stamps = None if timeline is None else timeline.clock
         agreed = agreed_clock(
@@ -98,6 +115,7 @@ class ClockReader:
         )
         if agreed is None:
             return None
+        self._main_hz = self._main_hz or agreed.rate_hz
         if (
             timeline is not None
             and timeline.is_uneven
@@ -106,7 +124,8 @@ class ClockReader:
         ):
             raise self._uneven_beside_rate(source, column)
         notes = [timeline.note if timeline is not None else "", _rounding_note(agreed, declared)]
-        return ChannelClock(agreed, timeline, "; ".join(filter(None, notes)))
+        is_unread = timeline is None and id(source) in self._unread
+        return ChannelClock(agreed, timeline, "; ".join(filter(None, notes)), is_unread)
 
     def has_time_column(self, source: ColumnFile, position: int, channels: Positions) -> bool:
         """Return whether a column of the file gives the times of a channel; as ``clock_of``."""
@@ -123,8 +142,7 @@ class ClockReader:
         candidates = [
             column
             for column in range(len(source.names))
-            if column not in channels
-            and (is_time(SourceColumn(source, column).header) or source.in_seconds(column))
+            if column not in channels and self._holds_times(source, column, position)
         ]
         if requested is not None and requested not in candidates:
             candidates = sorted([*candidates, requested])
@@ -138,6 +156,37 @@ class ClockReader:
             if first_of_requested == first or len(firsts) == 1:
                 return requested, True
         return first, requested is not None
+
+    def _holds_times(self, source: ColumnFile, column: int, position: int) -> bool:
+        """Tell whether a column holds times by its name or type; by its values beside no clock."""
+        return (
+            is_time(SourceColumn(source, column).header)
+            or source.in_seconds(column)
+            or (source.clock(position) is None and self._rises_at_rate(source, column))
+        )
+
+    def _rises_at_rate(self, source: ColumnFile, column: int) -> bool:
+        """Tell whether a column holds times by its values, at the known rate, whatever its name."""
+        key = (id(source), column)
+        rate_hz = self._known_rate()
+        if key not in self._rising and rate_hz is not None:
+            try:
+                seconds = SourceColumn(source, column).seconds
+                (values,) = source.load([column])
+            except InputError:  # text, or a column in another unit than of time
+                self._rising[key] = False
+            else:
+                unit_s = _unit_beside_rate(values, rate_hz)
+                self._rising[key] = unit_s is not None and seconds in (None, unit_s)
+        return self._rising.get(key, False)
+
+    def _known_rate(self) -> float | None:
+        """Return the rate of the calibration file, else of the record's file, if known by now."""
+        if self.stated_hz is not None or self.time_column is None:
+            return self.stated_hz or self._main_hz
+        column = self.main.position_of(self.time_column, "[sampling] time_column")
+        timeline = self._timeline(SourceColumn(self.main, column, "time_column"), needed=True)
+        return None if timeline is None else timeline.clock.rate_hz
 
     def _requested_column(self, source: ColumnFile, channels: Positions) -> int | None:
         """Return the column that the calibration file names, in this file; None for none."""
@@ -163,28 +212,46 @@ class ClockReader:
         """Read a column of times; None if it states nothing about a rate that is known."""
         try:
             (times,) = column.source.load([column.position])
-            if needed:
-                return timeline_of(column, times)
-            seconds = column.seconds
-            if times.size < _MIN_STAMPS or not np.all(np.isfinite(times)):
+            rate_hz = self.stated_hz or self._main_hz
+            unit_s = None
+            if rate_hz is not None and column.seconds is None:
+                unit_s = _unit_beside_rate(times, rate_hz)
+                if unit_s is None and not needed and np.all(np.diff(times) == 1.0):
+                    return None
+            if not needed and times.size < _MIN_STAMPS:
                 return None
-            if seconds is None and self.stated_hz is not None:
-                return self._timeline_beside_rate(column, times, self.stated_hz)
-            return timeline_of(column, times)
-        except InputError:  # text, a counter, or times that go back: no clock
+            if np.count_nonzero(np.diff(times) < 0.0) > _MAX_BACKWARDS * times.size:
+                needed = True
+                raise _rows_out_of_order(column)
+            return timeline_of(column, times, unit_s)
+        except InputError:  # text, missing ones, or times that go back: no clock
             if needed:
                 raise
+            self._unread.add(id(column.source))
             return None
 
-    def _timeline_beside_rate(
-        self, column: SourceColumn, times: FloatArray, rate_hz: float
-    ) -> Timeline | None:
-        """Return the timeline of a column without a unit, in that which suits the stated rate."""
-        usual = float(np.median(np.diff(times)))
-        if np.all(np.diff(times) == 1.0) or usual <= 0.0:
-            return None
-        unit_s = min(_POSSIBLE_SECONDS, key=lambda seconds: abs(usual * seconds * rate_hz - 1.0))
-        return timeline_of(column, times, unit_s)
+    def _require_one_clock(
+        self, source: ColumnFile, column: int, timeline: Timeline, channels: set[int]
+    ) -> None:
+        """Refuse times side by side of two channels whose starts differ: whose is which?"""
+        start = timeline.clock.start
+        for neighbour in {column - 1, column + 1} & {*range(len(source.names))} - channels:
+            if not self._holds_times(source, neighbour, min(channels)):
+                continue
+            line = self._timeline(SourceColumn(source, neighbour, "time_column"), needed=False)
+            later = None if line is None else line.clock.start
+            if start is None or later is None or start.epoch or later.epoch:
+                continue
+            apart_s = (later.ns - start.ns) * 1e-9
+            if abs(apart_s) > max(_SAME_START / timeline.clock.rate_hz, timeline.rounding_s):
+                raise InputError(
+                    "Two time columns side by side state different starts.",
+                    expected="one clock, or each channel's times directly before the channel",
+                    found=f"{source.names[neighbour]!r}, {apart_s:+.9g} s from "
+                    f"{source.names[column]!r}",
+                    where=source.file,
+                    remedy="remove the column that does not count, or move each before its channel",
+                )
 
     def _uneven_beside_rate(self, source: ColumnFile, column: int | None) -> InputError:
         return InputError(
@@ -194,6 +261,37 @@ class ClockReader:
             where=self._name(source, column),
             remedy="give time_column instead of rate_hz: the samples are evened by their times",
         )
+
+
+def _rows_out_of_order(column: SourceColumn) -> InputError:
+    return InputError(
+        "The rows are not in the order of their times.",
+        expected="times that increase from row to row",
+        found="many that decrease",
+        where=f"{column.source.file}, column {column.header!r}",
+        remedy="sort the rows by their times, or remove the times if they are wrong",
+    )
+
+
+def _unit_beside_rate(times: FloatArray, rate_hz: float) -> float | None:
+    """Return the seconds in the unit in which times go on at a rate; None if in no usual one.
+
+    The steps of a counter are 1.
+    """
+    steps = np.diff(times)
+    if steps.size < _MIN_STAMPS - 1 or not np.all(np.isfinite(times)) or np.all(steps == 1.0):
+        return None
+    usual = (float(np.median(steps)), float(np.mean(steps)))  # rounded ones, and with gaps
+    if not np.all(steps >= 0.0) or min(usual) <= 0.0:
+        return None
+    return next(
+        (
+            seconds
+            for seconds in _POSSIBLE_SECONDS
+            if any(abs(step * seconds * rate_hz - 1.0) <= _LIKE_RATE for step in usual)
+        ),
+        None,
+    )
 
 
 def file_clock(source: ColumnFile, position: int) -> Clock | None:

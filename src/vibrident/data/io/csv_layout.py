@@ -33,6 +33,7 @@ TEXT_OF_COLUMNS = "a text file of columns"
 _MAX_HEAD_BYTES = MAX_LINE_LENGTH
 _MAX_HEAD_LINES = 400
 _MAX_SAMPLE_LINES = 25
+_MIN_GROUPED = 8  # numbers of a column that look as if they had separators of thousands
 _BOM = b"\xef\xbb\xbf"
 _COMMENT = ("#", "%")
 _EXPONENT = r"(?:[eE][+-]?\d+)?"
@@ -235,6 +236,7 @@ def _layout_of(lines: list[str], encoding: str, head: bytes, file: str) -> CsvLa
             remedy="repair the value; or, if the line belongs to the header, put # in front of it",
         )
     data = {i: row for i, row in cells.items() if i >= first}
+    _refuse_grouped_integers(data, numeric, dialect, file)
     width = columns_of([*data.values()], [*head_cells.values()][-2:], fields)
     titles = _titles(lines[:first], head_cells, dialect)
     names, units = names_and_units(titles, delimiter, width)
@@ -344,13 +346,37 @@ def _no_rows(lines: Sequence[str], file: str) -> InputError:
 def refuse_thousands(cell: str, where: str) -> None:
     """Refuse a number with separators of thousands: its signs have two readings."""
     if _GROUPED.fullmatch(cell):
-        raise InputError(
-            "A number has separators of thousands.",
-            expected="numbers without them, such as 1234.5 or 1234,5",
-            found=repr(cell),
-            where=where,
-            remedy="export the data without separators of thousands",
+        raise _thousands(cell, where)
+
+
+def _thousands(cell: str, where: str) -> InputError:
+    return InputError(
+        "A number has separators of thousands.",
+        expected="numbers without them, such as 1234.5 or 1234,5",
+        found=repr(cell),
+        where=where,
+        remedy="export the data without separators of thousands",
+    )
+
+
+def _refuse_grouped_integers(
+    data: Mapping[int, list[str]], numeric: Sequence[int], dialect: Dialect, file: str
+) -> None:
+    """Refuse a column of 12.345 and 678: its decimal sign stands before three digits, or is absent.
+
+    Decimals of a fixed number would stand in every row, others would be of different numbers.
+    """
+    grouped = re.compile(rf"[+-]?[1-9]\d{{0,2}}(?:{re.escape(dialect.decimal)}\d{{3}})+")
+    for column in numeric:
+        cells = {i: row[column] for i, row in data.items() if len(row) > column}
+        lines = [i for i, cell in cells.items() if grouped.fullmatch(cell)]
+        is_rest_short = all(
+            len(cell.lstrip("+-")) <= 3 and cell.lstrip("+-").isdigit()
+            for i, cell in cells.items()
+            if not grouped.fullmatch(cell)
         )
+        if is_rest_short and _MIN_GROUPED <= len(lines) < len(cells):
+            raise _thousands(cells[lines[0]], f"{file}, line {lines[0] + 1}, column {column + 1}")
 
 
 def _is_comment(line: str) -> bool:

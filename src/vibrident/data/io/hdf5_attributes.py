@@ -20,6 +20,7 @@ from vibrident.data.records import FloatArray
 #: LZF comes with h5py.
 _FILTERS = frozenset({1, 2, 3, 4, 5, 6, 32000})
 _HEAP = b"GCOL\x01\0\0\0"
+_MAX_REMARKS = 1000  # members of a group without columns
 _MAX_STATED_ITEMS = 10_000  # of an attribute or of a dataset that states something
 
 
@@ -51,11 +52,45 @@ def levels_of(file: Any, array: str, groups: dict[str, Level]) -> Levels:
         array = array.rpartition("/")[0]
         if array not in groups:
             group = file[array or "/"]
-            named = {name: _statement_value(group, name) for name in group if meaning_of(name)[0]}
-            group_values = {name: value for name, value in named.items() if value is not None}
-            groups[array] = {**statements(group_values), **_statements_of(group)}
+            level: Level = {}
+            for name in group:
+                if _is_remark(group, name):
+                    level = {**_group_statements(group[name]), **level}
+            groups[array] = {**level, **_group_statements(group)}
         levels.append(groups[array])
     return levels
+
+
+def _group_statements(group: Any) -> Level:
+    """Return the statements of a group, by its datasets of one number or text and attributes."""
+    named = {name: _statement_value(group, name) for name in group if meaning_of(name)[0]}
+    values = {name: value for name, value in named.items() if value is not None}
+    return {**statements(values), **_statements_of(group)}
+
+
+def _is_remark(parent: Any, name: str) -> bool:
+    """Tell whether a member is a group without columns: what it states is of its parent."""
+    import h5py
+
+    if not isinstance(parent.get(name, getlink=True), h5py.HardLink):
+        return False
+    group = parent[name]
+    return (
+        isinstance(group, h5py.Group)
+        and not name.startswith("#")
+        and len(group) <= _MAX_REMARKS
+        and all(isinstance(group.get(member, getlink=True), h5py.HardLink) for member in group)
+        and not any(_holds_column(item) for item in group.values())
+    )
+
+
+def _holds_column(item: Any) -> bool:
+    import h5py
+
+    if not isinstance(item, h5py.Dataset):
+        return True  # a group in it may hold some
+    is_text = item.dtype.kind in "SO" or text_attribute(item, "MATLAB_class") == "char"
+    return math.prod(item.shape or ()) > 1 and not is_text
 
 
 def packing_of(dataset: Any, where: str) -> Packing | None:

@@ -7,6 +7,8 @@ A unit stands in a format's own field, in a row below the names, or in a name: "
   left. A ``scale`` that equals the factor would convert twice and is refused.
 - A unit of another kind than the calibration file states is refused, unless ``scale`` converts it:
   V for an acceleration, counts or pC for volts.
+- A word elsewhere in a name that may be a unit of the quantity ("acc_g", "[g] filtered") is refused
+  unless ``scale`` is given: it is either converted or not, and both would be a guess.
 - Where the calibration file leaves the unit of a response open, the file's is taken.
 """
 
@@ -39,6 +41,12 @@ _SAME_FACTOR = 1e-3  # relative; a scale this close to a conversion is that conv
 _SUFFIX = re.compile(r"^.*\w[_.\s-]+([^\W\d_]+)$")
 _RUN_ON = re.compile(r"^(?:t|time|timestamp|zeit|elapsed)(ms|us|ns|µs|μs)$", re.IGNORECASE)
 _TIME_NAMES = frozenset(VOCABULARY["times"])
+#: What parts the words of a name; of a dash, one between letters.
+_BETWEEN_WORDS = re.compile(r"[\s\[\](){}<>,;:|_.=\"']+|(?<=[^\W\d])-(?=[^\W\d])")
+#: What stands in square brackets in place of a unit: an axis, or a channel's name or number.
+_LABEL = re.compile(r"[xyz]|[\W_]*|\w*\d+", re.IGNORECASE)
+_NOT_ASCII = re.compile(r"^[^!-~]+")
+_PREPOSITIONS = frozenset({"in"})  # the inch is written in brackets
 
 
 @dataclass(frozen=True)
@@ -76,15 +84,20 @@ class SourceColumn:
 
     @property
     def file_unit(self) -> tuple[str, bool]:
-        """Return the unit that the file states, and whether it stands in a field for units.
+        """Return the unit that the file states, and whether it stands in a place for units.
 
-        A unit in a name is a guess: only known ones count. "" for none.
+        That is a field, or square brackets. Elsewhere in a name, a unit is a guess: only known ones
+        count. "" for none.
         """
         unit = self.source.stated_unit(self.position)
         if unit and not is_no_unit(unit):
             return unit, True
-        unit = unit_in_name(self.header)
-        return (unit if parse_unit(unit) is not None else "", False)
+        name = short_name(self.last_name)
+        unit = unit_in_name(name)
+        if parse_unit(unit) is not None:
+            return unit, False
+        is_unknown = name.endswith("]") and not is_no_unit(unit) and not _LABEL.fullmatch(unit)
+        return (unit, True) if is_unknown else ("", False)
 
     @property
     def seconds(self) -> float | None:
@@ -122,6 +135,20 @@ class SourceColumn:
 def unit_in_name(name: str) -> str:
     """Return the unit at the end of a column's name, as written; "" if none."""
     return split_unit(short_name(name))[1]
+
+
+def _hidden_unit(name: str, target: Unit) -> str:
+    """Return a word in a name that may be another unit of a kind, whatever its case; "" for none.
+
+    A letter that is no ASCII may be a prefix in another encoding ("æV" for µV).
+    """
+    for word in _BETWEEN_WORDS.split(short_name(name)):
+        spellings = (word, word[:1].lower() + word[1:], word.lower(), _NOT_ASCII.sub("", word))
+        units = [unit for unit in map(parse_unit, spellings) if unit is not None]
+        kinds = [unit for unit in units if unit.dimension == target.dimension]
+        if kinds and word not in _PREPOSITIONS and parse_unit(word) != target:
+            return word
+    return ""
 
 
 def states_a_time_unit(name: str) -> bool:
@@ -192,9 +219,10 @@ def reference_conversion(
     declared = _declared_unit(section, header_unit, column.source)
     text = declared or header_unit
     parsed = parse_unit(text)
-    if not text:
-        return ChannelConversion(1.0, header_unit)
     quantity_unit = QUANTITY_UNITS[section.quantity]
+    if not text:
+        _refuse_hidden_unit(column, section, quantity_unit, unit)
+        return ChannelConversion(1.0, header_unit)
     if parsed is not None and parsed.dimension == quantity_unit.dimension:
         if declared:
             return ChannelConversion(declared_factor(section, column.source), text)
@@ -310,6 +338,8 @@ def _convert(
     """Return the conversion of a channel that has a unit of its own."""
     parsed = parse_unit(text)
     target = parse_unit(unit)
+    if not text and target is not None:
+        _refuse_hidden_unit(column, section, target, unit)
     if not text or text == unit:
         return ChannelConversion(1.0, text)
     if parsed is not None and target is not None and parsed.dimension == target.dimension:
@@ -317,8 +347,7 @@ def _convert(
         if factor != 1.0 and is_same_factor(section.scale, factor):
             raise _double_conversion_error(column, text, section.scale)
         return ChannelConversion(factor, text)
-    is_field = bool(column.source.stated_unit(column.position))
-    sure = is_field or (parsed is not None and not _is_time_like(parsed))
+    sure = column.file_unit[1] or (parsed is not None and not _is_time_like(parsed))
     if (
         sure
         and abs(section.scale) == 1.0
@@ -328,6 +357,24 @@ def _convert(
         remedy = f'set unit = "{text}"; or set scale to {unit} per {text}; or correct the file'
         raise column.refused(f"a multiple of {unit}", text, remedy, "unit")
     return ChannelConversion(1.0, text)
+
+
+def _refuse_hidden_unit(
+    column: SourceColumn, section: ReferenceSection | ResponseSection, target: Unit, unit: str
+) -> None:
+    """Refuse a name with a word that may be its unit, unless a scale says what the numbers are."""
+    word = _hidden_unit(column.last_name, target)
+    if not word or "scale" in section.model_fields_set:
+        return
+    factor = factor_between(word, unit)
+    conversion = f"to {unit} per {word}" if factor is None else f"= {factor:.9g}"
+    raise InputError(
+        "The name of a column may state its unit.",
+        expected=f"a unit behind the name in brackets, as in 'name [{unit}]', or scale",
+        found=f"{column.last_name!r}, where {word!r} may be the unit",
+        where=f"{column.source.file}, asked for by {column.key}",
+        remedy=f"set scale {conversion} if it is; scale = 1.0 if the column is in {unit}",
+    )
 
 
 def is_same_factor(scale: float, factor: float) -> bool:

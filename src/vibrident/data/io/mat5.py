@@ -147,6 +147,9 @@ class _VariableElements:
             return Numbers(header.shape, header.is_complex, partial(replace, self))
         if header.array_class == _CHAR and min(header.shape, default=0) == 1:
             return self.text()
+        if header.array_class == _CHAR and len(header.shape) == 2 and 0 < count <= _MAX_ITEMS:
+            text = self.text()  # by columns; its rows are padded
+            return [text[row :: header.shape[0]].rstrip() for row in range(header.shape[0])]
         if header.array_class == _STRUCT and count == 1:
             (length,) = self.numbers()
             text = self.text()

@@ -131,7 +131,7 @@ def _wide_encoding(head: bytes) -> str:
 
 def _without_end(content: bytes) -> bytes:
     """Return text without an end mark, and without empty rows of separators at its end."""
-    mark = content.find(_END_MARK, len(content.rstrip(_END_MARK + b"\r\n \t")))
+    mark = content.find(_END_MARK, len(content.rstrip(_END_MARK + b"\r\n \t\0")))
     end = len(content) if mark < 0 else mark
     last = end
     while last > 0:

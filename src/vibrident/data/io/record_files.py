@@ -21,7 +21,7 @@ from vibrident.data.io.calibration_file import (
     ReferenceSection,
     ResponseSection,
 )
-from vibrident.data.io.clocks import ClockReader
+from vibrident.data.io.clocks import ChannelClock, ClockReader
 from vibrident.data.io.columns import ColumnFile, Positions
 from vibrident.data.io.header_units import (
     ChannelConversion,
@@ -302,7 +302,12 @@ def _load_channels(
         raise missing_rate(request.where)
     first = 0 if rows is None else rows.start
     return [
-        ClockedChannel(column, next(loaded[column.source]), clock or default_clock, first)
+        ClockedChannel(
+            column,
+            next(loaded[column.source]),
+            clock or ChannelClock.with_start(default_clock, column.source.start(column.position)),
+            first,
+        )
         for column, clock in zip(columns, clocks, strict=True)
     ]
 

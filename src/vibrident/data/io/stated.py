@@ -18,13 +18,27 @@ from vibrident.base.errors import InputError
 from vibrident.data.io.columns import Clock, StartTime
 from vibrident.data.io.header_units import is_time
 from vibrident.data.io.sampling import SAME_RATE, plainest_clock
+from vibrident.data.io.text_head import OF_ANYTHING
 from vibrident.data.io.units import factor_between
 from vibrident.data.io.vocabulary import VOCABULARY
 
+
+def _plain_word(name: str) -> str:
+    """Return a name in lower case without blanks and signs."""
+    return re.sub(r"[\W_]", "", name.lower())
+
+
 _SPELLED: dict[str, str] = VOCABULARY["metadata_spelled"]
+#: Names of metadata, and the keys of heads of text files that say by themselves what they are of.
 _MEANINGS = {word: meaning for meaning, words in VOCABULARY["metadata"].items() for word in words}
+_MEANINGS |= {
+    word: meaning
+    for meaning, key in (("rate", "rate"), ("interval", "interval"), ("unit", "units"))
+    for word in map(_plain_word, {*VOCABULARY["head"][key]} - OF_ANYTHING)
+    if len(word) > 2
+}
 _SUFFIXES: dict[str, float] = VOCABULARY["metadata_suffixes"]
-_SPELLED_NAME = re.compile(r"(\w\w)[ _(\[]*(k?[Hh]z|[mun]?s)?[)\]]?")
+_SPELLED_NAME = re.compile(r"([^\W_])_?([^\W_])[ _(\[]*(k?[Hh]z|[mun]?s)?[)\]]?")
 _NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\s\d]*)\s*")
 _DATE = re.compile(
     r"(\d{4}-\d\d-\d\d)(?:[T ]+(\d\d:\d\d(?::\d\d(?:\.\d+)?)?))?\s*(?:Z|UTC|([-+]\d\d):?(\d\d))?"
@@ -51,21 +65,24 @@ Levels = Sequence[Level]
 def meaning_of(name: str) -> tuple[str, float]:
     """Return what a name states, and the factor of a unit at its end.
 
-    The first is "rate", "interval", "start", "unit", or "" for a name that states none of these.
+    The first is "rate", "interval", "start", "unit", "unit a" for the unit of a column a, or "" for
+    a name that states none of these.
     """
     name = name.strip()
     if len(name) > _MAX_NAME_LENGTH:
         return "", 1.0
     spelled = _SPELLED_NAME.fullmatch(name)
-    if spelled is not None and spelled[1] in _SPELLED:
-        return _SPELLED[spelled[1]], _SUFFIXES[(spelled[2] or "s").lower()]
-    word = re.sub(r"[^a-z0-9]", "", name.lower())
+    if spelled is not None and spelled[1] + spelled[2] in _SPELLED:
+        return _SPELLED[spelled[1] + spelled[2]], _SUFFIXES[(spelled[3] or "s").lower()]
+    word = _plain_word(name)
     if word in _MEANINGS:
         return _MEANINGS[word], 1.0
     for suffix, factor in _SUFFIXES.items():
-        if word.endswith(suffix) and (meaning := _MEANINGS.get(word.removesuffix(suffix))):
-            return meaning, factor
-    return "", 1.0
+        stem = word.removesuffix(suffix)
+        if stem != word and (meaning := _MEANINGS.get(stem.removesuffix("in"))):
+            return meaning, factor  # "sampling_frequency_in_hz"
+    column = re.fullmatch(r"(.+)units?", word)
+    return (f"unit {column[1]}", 1.0) if column else ("", 1.0)
 
 
 def statements(values: Mapping[str, Any]) -> dict[str, Statement]:
@@ -147,16 +164,16 @@ def seconds_since(unit: str) -> tuple[float, StartTime] | None:
 def unit_of(level: Level, index: int = 0, count: int = 1) -> str:
     """Return the stated unit of a column; "" if none.
 
-    Several units state those of as many columns: ``index`` of ``count``.
+    Several units state those of as many columns: ``index`` of ``count``. Of another number, it is
+    not known which is meant: all of them.
     """
     if "unit" not in level:
         return ""
-    value = level["unit"].value
-    several = np.asarray(value, dtype=object).reshape(-1)
+    several = np.asarray(level["unit"].value, dtype=object).reshape(-1)
     if several.size == count and index < count:
-        value = several[index]
-    text = scalar(value)
-    return text.strip("\0 \t\r\n") if isinstance(text, str) else ""
+        several = several[index : index + 1]
+    texts = [text.strip("\0 \t\r\n") for item in several if isinstance(text := scalar(item), str)]
+    return " or ".join(dict.fromkeys(texts))
 
 
 def nearest_unit(
@@ -172,6 +189,9 @@ def nearest_unit(
     frequencies. ``index``, ``count``: as ``unit_of``.
     """
     unit = unit_of(own_statements, index, count)
+    of_column = outer.get(f"unit {_plain_word(name)}")
+    if not unit and of_column is not None:
+        unit = unit_of({"unit": of_column})
     if unit or is_time(name) or is_frequency(name, ""):
         return unit
     return unit_of(outer, index, count)

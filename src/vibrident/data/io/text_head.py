@@ -21,7 +21,7 @@ from vibrident.data.io.vocabulary import VOCABULARY
 #: Keys of a statement, by what they state.
 _KEYS: dict[str, list[str]] = VOCABULARY["head"]
 #: Of a sampling if they have a unit of it.
-_OF_ANYTHING = frozenset(
+OF_ANYTHING = frozenset(
     {"rate", "sampling", "abtastung", "delta", "increment", "interval", "intervall"}
 )
 _CLOCKS = ("rate", "interval")
@@ -36,8 +36,9 @@ _STATEMENT = re.compile(
         + ")"
         for kind, keys in _KEYS.items()
     )
-    + r") *(?:[\[(] *(?P<bracket>[^\])]{1,20}?) *[\])]|(?:in +|_|(?<= ))(?P<word>k?hz|[mµu]?s))? *"
-    + rf"(?:[{_SEPARATORS}]|(?= [+-]?\.?\d))",
+    + r")\.? *(?:[\[(] *(?P<bracket>[^\])]{1,20}?) *[\])]"
+    + r"|(?:in +|_|(?<= ))(?P<word>k?hz|[mµu]?s))? *"
+    + rf"(?:[{_SEPARATORS}]|[-=]>|(?:is|[-–])(?= )|(?= [+-]?\.?\d))",
     re.IGNORECASE,
 )
 _NUMBER = re.compile(r"([+-]?\.?\d[\d.,']*(?:[eE][+-]?\d+)?)\s*(.*)")
@@ -89,7 +90,7 @@ def statements(line: HeadLine, delimiter: str) -> Iterator[HeadStatement]:
         values = _trimmed([cell.strip() for cell in re.split(gap, remainder)])
         unit = (match["bracket"] or match["word"] or "").strip()
         numbers = [_NUMBER.match(value) for value in values]
-        is_bare = match[0].strip(_SEPARATORS + "|({/#%*! ").lower() in _OF_ANYTHING and not (
+        is_bare = match[0].strip(_SEPARATORS + "|({/#%*! ").lower() in OF_ANYTHING and not (
             unit or any(number and _unit(number[2]) for number in numbers)
         )
         is_unit = kind == "dimension" or any(parse_unit(value) is not None for value in values)
@@ -172,7 +173,7 @@ def read_head(
         clock = _agreed(clocks, file)
         clock = clock and replace(clock, start=start)
         unit = without_brackets(units[0]) if units else ""
-        channels.append(Channel("", clock=clock, unit=unit, over_frequency=over_frequency))
+        channels.append(Channel("", None, clock, False, unit, over_frequency, start))
     return tuple(channels)
 
 

@@ -28,6 +28,10 @@ MAX_INTERVAL_S = 1.0
 #: Seconds since 1970 of the years 2000 to 2100; in s, ms, µs and ns the spans do not overlap.
 _EPOCH_S = (946_684_800.0, 4_102_444_800.0)
 _EPOCH_UNITS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "ns": 1e-9}
+_LAST_TIMES = 32  # whose last digits are all zero by chance in 1 of 10³² files
+#: Days since year 0 (MATLAB) and since 1900 (Excel) of the years 2000 to 2100.
+_DAY_NUMBERS = ((730_486.0, 767_011.0), (36_526.0, 73_051.0))
+_SHORTEST_STEP_S = 1e-6  # of times in s that begin at such a number
 _MAX_LOST = 0.5  # part of the raster; with more, the raster itself is a guess
 _FEWEST_EPOCH_STEPS_S = 3600.0  # an hour between samples is no record of vibration
 _EXPECTED = "increasing times in seconds, at an even rate but for jitter below half an interval"
@@ -183,9 +187,9 @@ def _regression(raster_index: IntArray, times: FloatArray) -> tuple[float, float
 def _rounding(times: FloatArray, resolution_s: float) -> float:
     """Return the width of the rounding of times: decimal places, single precision, or ticks.
 
-    Taken from the larger half of the times, as significant digits round these most.
+    Digits are those of the last times, as significant ones round these most.
     """
-    late = times[times.size // 2 :]
+    late = times[-_LAST_TIMES:]
     largest = float(np.max(np.abs(late)))
     if np.all(late == late.astype(np.float32)):
         return float(np.spacing(np.float32(largest)))
@@ -196,7 +200,7 @@ def _rounding(times: FloatArray, resolution_s: float) -> float:
         if np.all(np.abs(multiples - np.rint(multiples)) < 1e-3 + 4.0 * resolution_s / width):
             widths.append(width)
             break
-    steps = np.diff(late)
+    steps = np.diff(times[times.size // 2 - 1 :])
     low = float(np.min(steps))
     high = float(np.max(steps))
     exact = max(widths)
@@ -216,15 +220,17 @@ def _plausible_unit(times: FloatArray, name: str, locate: Locate) -> tuple[float
             day = datetime.datetime.fromtimestamp(first * seconds, datetime.UTC).date()
             note = f"time: {name!r} taken for {unit} since 1970 (first sample on {day})"
             return seconds, note
-    if usual >= MAX_INTERVAL_S:
+    are_days = usual < _SHORTEST_STEP_S and any(low <= first < high for low, high in _DAY_NUMBERS)
+    if usual >= MAX_INTERVAL_S or are_days:
         is_counter = bool(np.all(np.diff(times) == 1.0))
         raise InputError(
             "The unit of the time column is not known.",
             expected="seconds, or a unit in the header, such as 'time (ms)'",
             found=f"{name!r} with steps of {usual:.9g}"
-            + (", as of a counter" if is_counter else ""),
+            + (", as of a counter" if is_counter else "")
+            + (f" from {first:.9g}, as of days" if are_days else ""),
             where=locate(0),
-            remedy="write the unit into the header, or give rate_hz",
+            remedy="write the unit into the header, such as 'time (d)' for days, or give rate_hz",
         )
     return 1.0, ""
 

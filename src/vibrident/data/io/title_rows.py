@@ -1,4 +1,4 @@
-"""Read the rows of names and units above the columns of a text file, as makers write them."""
+"""Read the rows of names and units above the columns of a text file, in either order."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from vibrident.data.io.vocabulary import VOCABULARY
 COMMENTS = frozenset(VOCABULARY["comments"])
 _NUMBER = re.compile(r"[+-]?\d*\.?\d+(?:[eE][+-]?\d+)?")
 _BRACKETED = re.compile(r"\[.*\]|\(.*\)|<.*>")
+_WITH_UNIT = re.compile(r"[^ ]+(?: (?:\[[^] ]*\]|\([^) ]*\)))?")
 #: Of an abscissa.
 TIME_NAMES = re.compile(
     r"(?:x|t|x[ _-]?(?:value|axis|achse)|time\w*|zeit|seconds?|source|f|freq\w*)\b", re.IGNORECASE
@@ -56,18 +57,18 @@ def names_and_units(
     """Return names and units of the columns, "" without, from the rows of cells above the data."""
     without = ("",) * columns
     above = [_fitting(row, delimiter, columns) for row in rows[-2:]]
-    names = above[-1] if above else None
-    if names is None:
-        return without, without
-    if len(above) > 1 and above[-2] is not None and _are_units(names, above[-2]):
-        return above[-2], names
-    return names, without
+    for units, names in (above[::-1], above) if len(above) > 1 else ():
+        if units is not None and names is not None and _are_units(units, names):
+            return names, units
+    return (above[-1] if above else None) or without, without
 
 
 def _fitting(row: list[str], delimiter: str, columns: int) -> tuple[str, ...] | None:
     """Return a row's cells above the columns; None if it is of another width."""
     if columns == 1 and delimiter == BLANKS:
         return (" ".join(row),)  # the name of a single column may contain blanks
+    if delimiter == BLANKS and len(row) > columns:  # "a [g]" is one name
+        row = _WITH_UNIT.findall(" ".join(row))
     fits = len(row) >= columns and all(map(_is_no_title, row[columns:]))
     return tuple(row[:columns]) if fits else None
 
@@ -80,7 +81,7 @@ def _is_no_title(cell: str) -> bool:
 
 
 def _are_units(row: Sequence[str], names: Sequence[str]) -> bool:
-    """Tell whether a row below the names has units: known ones, in brackets, or words for none."""
+    """Tell whether a row beside the names has units: known ones, in brackets, or words for none."""
     recognised = unknown = 0
     for cell, name in zip(row, names, strict=True):
         if _BRACKETED.fullmatch(cell) or parse_unit(cell) is not None:

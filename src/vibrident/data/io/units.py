@@ -11,6 +11,7 @@ from __future__ import annotations
 import functools
 import re
 import tomllib
+import unicodedata
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,8 +48,10 @@ _TOKEN = re.compile(
 _PHRASES = (
     (re.compile(r"\bper\b", re.IGNORECASE), "/"),
     (re.compile(r"\bsquared\b|\bsquare\b|\bsq\b\.?", re.IGNORECASE), "^2"),
+    (re.compile(r"\b([numck]?m|in|ft)ps(?=\b|\^?2)"), r"\1/s"),  # mmps, mps2
     (re.compile(r"\*\*"), "^"),
     (re.compile(r"\s+\^"), "^"),
+    (re.compile(r"\^\{([+-]?\d)\}"), r"^\1"),  # TeX
     (re.compile(r"(?<=[^\W_])\.(?=[^\W\d_])"), "*"),  # V.s2/m
 )
 
@@ -88,7 +91,8 @@ def is_row_counter(text: str) -> bool:
 @functools.lru_cache(maxsize=1024)
 def parse_unit(text: str) -> Unit | None:
     """Return the unit that a text names; None where it names none that is known."""
-    plain = text.strip().translate(PLAIN_SIGNS).replace("-^", "^-")  # as s⁻² becomes s-^2
+    plain = unicodedata.normalize("NFKC", text.strip()).translate(PLAIN_SIGNS)
+    plain = without_brackets(plain)
     if is_no_unit(plain) or len(plain) > MAX_UNIT_LENGTH:
         return None
     plain = _RUN_TOGETHER.sub(r"(m/s^\1)", plain)
@@ -96,7 +100,7 @@ def parse_unit(text: str) -> Unit | None:
         return _named(plain)
     for pattern, sign in _PHRASES:
         plain = pattern.sub(sign, plain)
-    return _parse_product(without_brackets(plain))
+    return _parse_product(plain)
 
 
 def without_brackets(text: str) -> str:
@@ -133,8 +137,8 @@ def split_brackets(name: str) -> tuple[str, str]:
 def split_unit(name: str) -> tuple[str, str]:
     """Return a column's name and the unit behind it, as written; "" for none.
 
-    The unit stands in brackets, behind "in", behind a blank with a slash in it ("S mV/g"), or
-    behind a slash.
+    The unit stands in brackets, behind "in", behind a blank with a slash in it ("S mV/g"), behind a
+    comma, or behind a slash.
     """
     base, unit = split_brackets(name)
     if unit or len(base) > MAX_NAME_LENGTH:
@@ -146,6 +150,9 @@ def split_unit(name: str) -> tuple[str, str]:
     before, blank, last = base.rpartition(" ")
     if blank and "/" in last[1:] and parse_unit(last) is not None:
         return before.rstrip(), last
+    before, comma, last = base.rpartition(",")
+    if comma and parse_unit(last) is not None:
+        return before.rstrip(), last.strip()
     match = _AFTER_SLASH.match(base)
     if match and all(match[1].count(a) == match[1].count(b) for a, b in ("()", "[]")):
         return match[1], without_brackets(match[2])
@@ -216,6 +223,8 @@ def _named(name: str) -> Unit | None:
 def _symbol(name: str) -> Unit | None:
     for size in (0, 1):  # of the prefix
         base = _ALIASES.get(name[size:], name[size:])
+        if size and len(base) > 2:  # "mVolts"
+            base = _WORDS.get(base.lower().removesuffix("s"), base)
         if base in _SYMBOLS and (not size or name[0] in _SYMBOLS[base][2]):
             return _unit(base, name[:size])
     return None

@@ -95,13 +95,31 @@ def _leaves(
     tree: Mapping[str, Any], prefix: str = "", outer: Levels = ()
 ) -> Iterator[tuple[str, Any, Levels]]:
     """Yield name, value and the statements about it, nearest first, of all but structures."""
-    values = {name: _statement_value(value) for name, value in tree.items() if meaning_of(name)[0]}
-    levels = [statements({n: value for n, value in values.items() if value is not None}), *outer]
+    values: dict[str, Any] = {}
+    for path, value in _remarks(tree):
+        for name in (path, path.rpartition(" ")[2]):
+            if meaning_of(name)[0] and (stated := _statement_value(value)) is not None:
+                values.setdefault(name, stated)
+    levels = [statements(values), *outer]
     for name, value in tree.items():
         if isinstance(value, dict):
             yield from _leaves(value, f"{prefix}{name}.", levels)
         elif not name.startswith("__"):  # what SciPy says of the file
             yield f"{prefix}{name}", value, levels
+
+
+def _remarks(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield paths and values of a structure, and of those in it that hold no column."""
+    yield from ((f"{prefix}{name}", value) for name, value in tree.items())
+    for name, value in tree.items():
+        if isinstance(value, dict) and not _holds_column(value):
+            yield from _remarks(value, f"{prefix}{name} ")
+
+
+def _holds_column(value: Any) -> bool:
+    if isinstance(value, dict):
+        return any(map(_holds_column, value.values()))
+    return isinstance(value, mat5.Numbers | np.ndarray) and math.prod(value.shape) > 1
 
 
 def _statement_value(value: Any) -> Any:

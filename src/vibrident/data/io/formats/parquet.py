@@ -115,9 +115,13 @@ def _mapping(value: Any) -> dict[str, Any]:
 
 
 def _column_statements(values: Mapping[str, Any], column: str) -> dict[str, Statement]:
-    """Return what the file's metadata state of a column: for all, or by the column's name."""
+    """Return what the file's metadata state of a column: for all, or by the column's name.
+
+    Its name may be inside what is stated, {"unit": {"a": "g"}}, or around it, {"a": {"unit": "g"}}.
+    """
     return statements(
-        {
+        _mapping(values.get(column))
+        | {
             name: value.get(column, "") if isinstance(value, dict) else value
             for name, value in values.items()
             if not isinstance(value, dict) or column in value

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from vibrident.data.records import FloatArray
 _CONTAINERS = ("WAV", "WAVEX", "RF64", "W64", "FLAC")
 _SAMPLES = ("PCM_S8", "PCM_U8", "PCM_16", "PCM_24", "PCM_32", "FLOAT", "DOUBLE")
 _PIECE_FRAMES = 1 << 18  # that are read at once
+_MAX_STATED_BYTES = 0x7FFF_0000  # a larger size is that of a stream, whose writer did not know it
 
 
 class WavFile(ColumnFile):
@@ -32,6 +34,11 @@ class WavFile(ColumnFile):
             header = soundfile.info(str(path))
             if header.format not in _CONTAINERS or header.subtype not in _SAMPLES:
                 raise ValueError(f"{header.format} with samples of type {header.subtype}")
+            with path.open("rb") as stream:
+                kind, size = struct.unpack("<4sI", stream.read(8))
+            file_bytes = path.stat().st_size
+            if kind == b"RIFF" and file_bytes < size + 8 < _MAX_STATED_BYTES:
+                raise ValueError(f"the file ends at byte {file_bytes} of {size + 8}")
         clock = Clock(float(header.samplerate))
         frames = int(header.frames)
         channels = [
