@@ -46,7 +46,8 @@ class Frame:
         factor_values: parameters of the factors that are not rational, by name, at which the
             reference is taken.
         top_hz: highest frequency of the motion, for which inputs are accurate; infinite where it
-            is not known, tones may have harmonics above it, or no accuracy depends on it.
+            is not known, tones may have harmonics above it, or no accuracy depends on it; zero of
+            a look at what moves.
     """
 
     model: SensorModel
@@ -89,6 +90,7 @@ class Frame:
             top_hz = np.inf
         steps = {(r.sampling_interval_s, counted_band(r, top_hz)) for r in records}
         terms = max(method.terms(fastest * interval, direct, band) for interval, band in steps)
+        terms = terms if top_hz > 0.0 else 1  # a look needs the first input alone
         factor_values = {name: float(start[name]) for name in model.factor_names}
         return cls(model, method, quantity, delay, order, terms, fastest, factor_values, top_hz)
 
