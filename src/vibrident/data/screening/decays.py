@@ -20,10 +20,10 @@ MIN_CHANGE = 5e-3
 
 
 def is_sustained(response: FloatArray, valid: BoolArray) -> bool:
-    """Tell whether a response is as large at the end of a record as throughout.
+    """Tell whether a response is as large at the end of a record as ever before.
 
-    The total power and that of each line are much the same in all pieces, and the strongest line
-    does not fall.
+    From the first large piece on, the total power and that of each line are much the same in all
+    pieces, and the strongest line does not fall.
 
     Args:
         response: shape (samples,).
@@ -35,12 +35,14 @@ def is_sustained(response: FloatArray, valid: BoolArray) -> bool:
     pieces = response[: PIECES * length].reshape(PIECES, length)
     moving = pieces - pieces.mean(axis=1, keepdims=True)
     power = np.sum(moving**2, axis=1)
-    if not np.max(power) < MAX_RATIO * np.min(power):
+    is_large = MAX_RATIO * power > np.max(power)
+    first = int(np.argmax(is_large))
+    if not is_large[first:].all():
         return False
-    lines = np.abs(np.fft.rfft(moving * np.hanning(length), axis=1)) ** 2
+    lines = np.abs(np.fft.rfft(moving[first:] * np.hanning(length), axis=1)) ** 2
     if np.any(np.max(lines, axis=0) > MAX_LINE_RATIO * np.median(lines, axis=0)):
         return False
-    return not _strongest_line_falls(response)
+    return not _strongest_line_falls(response[first * length :])
 
 
 def _strongest_line_falls(response: FloatArray) -> bool:
