@@ -166,7 +166,7 @@ def verdict(misfits: Sequence[MotionMisfit]) -> tuple[float, int, bool]:
 def weighed(decay: DecayFit) -> DecayFit:
     """Return the fit of one record, weighted by its noise, with a drift if that is significant."""
     for _ in range(2):
-        decay = trimmed(_with_drift(decay.refitted(_with_noise(decay))))
+        decay = trimmed(_with_drift(decay, _with_noise(decay)))
     return without_first(decay)
 
 
@@ -212,13 +212,10 @@ def _while_larger(decay: DecayFit, level: float) -> Stretch:
     return shortened(stretch, 0, last) if last > 4 * MIN_SAMPLES else stretch
 
 
-def _with_drift(decay: DecayFit) -> DecayFit:
-    """Return the fit with a straight line among the unknowns, if that is significant."""
-    stretch = decay.stretches[0]
-    if stretch.drift:
-        return decay
-    trial = decay.refitted(replace(stretch, drift=True))
-    return trial if decay.cost - trial.cost > MIN_RISE_DEVIATIONS**2 else decay
+def _with_drift(decay: DecayFit, stretch: Stretch) -> DecayFit:
+    """Return the fit of a stretch, with a straight line among the unknowns if significant."""
+    still, drifting = (decay.refitted(replace(stretch, drift=drift)) for drift in (False, True))
+    return drifting if still.cost - drifting.cost > MIN_RISE_DEVIATIONS**2 else still
 
 
 def _live_s(decay: DecayFit, index: int = 0) -> float:

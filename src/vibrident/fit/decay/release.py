@@ -22,6 +22,7 @@ from vibrident.fit.decay.motion import (
     pole_columns,
     shortened,
 )
+from vibrident.fit.decay.noise import tone_columns
 
 #: The last sample whose deviation is at least this fraction of the largest is after the release.
 FREE_FRACTION = 0.7
@@ -31,6 +32,8 @@ DAMPING_GRID = (3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.5,
 MAX_POINTS = 3000
 #: A window is no free motion if its residual exceeds that after the release by this factor.
 MAX_MISFIT_RATIO = 3.0
+#: The amplitude of a motion that goes on falls by less than this, in logarithm, over a record.
+MIN_FALL = 0.5
 #: Fewest samples of a window.
 MIN_SAMPLES = 16
 #: A release is abrupt: a residual below this fraction of the motion may be a nonlinearity.
@@ -57,14 +60,16 @@ def free_stretch(record: Record, channel_poles: tuple[complex, ...] = ()) -> Dec
         response,
         np.array(valid),
         record.sampling_rate_hz,
+        drift=True,
         channel_poles=channel_poles,
     )
     tail = float(np.median(response[-max(8, response.size // 10) :]))
     deviation = np.abs(response - tail)
     safe = int(np.flatnonzero(deviation >= FREE_FRACTION * np.max(deviation))[-1])
     safe = min(safe, response.size - min(response.size, 4 * MIN_SAMPLES))
-    decay = started(shortened(complete, safe))
-    complete = replace(complete, scale=decay.stretches[0].scale)
+    decay = _beside_hum(started(shortened(complete, safe)))
+    (stretch,) = decay.stretches
+    complete = replace(complete, scale=stretch.scale, noise=stretch.noise)
     extended = decay.refitted(shortened(complete, _extended(complete, decay, safe)))
     first = extended.stretches[0].first
     for earlier in sorted({0, _onset(response)}):
@@ -75,6 +80,23 @@ def free_stretch(record: Record, channel_poles: tuple[complex, ...] = ()) -> Dec
     if channel_poles:  # their free motion imitates the samples right before the release
         return extended.refitted(shortened(extended.stretches[0], _window(extended) // 4))
     return extended
+
+
+def _beside_hum(decay: DecayFit) -> DecayFit:
+    """Return the fit of what dies away beside a motion that goes on, or the fit of that motion."""
+    (stretch,) = decay.stretches
+    if _fall(decay) > MIN_FALL:
+        return decay
+    tones = replace(stretch.noise, tones_hz=(*stretch.noise.tones_hz, decay.values[0]))
+    trial = started(replace(stretch, noise=tones), stretch.scale)
+    dies_away = _fall(trial) > MIN_FALL and trial.cost < 0.5 * decay.cost
+    return trial if dies_away else decay
+
+
+def _fall(decay: DecayFit) -> float:
+    """Return by how much the logarithm of the amplitude falls over the stretch."""
+    natural, damping = decay.values
+    return float(2.0 * np.pi * natural * damping * decay.stretches[0].time_s[-1])
 
 
 def _onset(response: FloatArray) -> int:
@@ -110,13 +132,13 @@ def started(stretch: Stretch, scale: float | None = None) -> DecayFit:
     costs = []
     points = _points(stretch.response.size)
     time = points / stretch.rate_hz
-    further = [np.ones((time.size, 1)), pole_columns(stretch.channel_poles, time)]
+    further = stretch.nuisance_columns()[points]
     values = stretch.response[points]
     total = float(np.sum((values - values.mean()) ** 2)) or 1.0
     for frequency in _frequencies(stretch):
         for damping in DAMPING_GRID:
             natural = frequency / np.sqrt(1.0 - damping**2) if damping < 0.9 else frequency
-            columns = np.concatenate([free_motion(natural, damping, time), *further], axis=1)
+            columns = np.concatenate([free_motion(natural, damping, time), further], axis=1)
             columns /= np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
             matrix = columns.T @ columns + 1e-12 * np.eye(columns.shape[1])
             explained = columns.T @ values
@@ -165,13 +187,16 @@ def _frequencies(stretch: Stretch) -> FloatArray:
 def _extended(complete: Stretch, decay: DecayFit, safe: int) -> int:
     """Return the first sample of the motion, searched backwards from a sample inside it."""
     length = _window(decay)
-    offset = float(decay.parts[0].linear[2])
+    later = (np.arange(complete.response.size) - safe) / (complete.response.size - 1 - safe)
+    linear = decay.parts[0].linear
+    hum = tone_columns(complete.noise.tones_hz, complete.time_s - complete.time_s[safe])
     time_s = np.arange(length) / complete.rate_hz
     motion = np.hstack(
         [free_motion(*decay.values, time_s), pole_columns(complete.channel_poles, time_s)]
     )
     basis = np.linalg.qr(motion / np.maximum(np.linalg.norm(motion, axis=0), 1e-300))[0]
-    values = complete.response - offset
+    values = complete.response - linear[2] - linear[3] * (later - 0.5)
+    values -= hum @ linear[linear.size - hum.shape[1] :]
 
     def misfit(first: int) -> float:
         window = values[first : first + length]
