@@ -362,8 +362,8 @@ def _find_wild_samples(
     """Return the wild samples of each channel that has any.
 
     Where the other channel moves as oddly, the samples are motion, and so is a shock, where both
-    channels are large. But in a motion that goes on, one or two odd samples in both channels at
-    once are wild: a sensor answers for longer.
+    channels are large. But in a motion that goes on, odd samples in both channels at once are wild
+    where both go on as before: a sensor answers for longer.
     """
     wild = {label: channel.wild.copy() for label, channel in channels.items()}
     if len(wild) == 2 and any(flags.any() for flags in wild.values()):
@@ -379,7 +379,7 @@ def _find_wild_samples(
                     _is_shock(channels, wild, label, run, each.delay) for each in predictions
                 )
                 may_be_motion = is_motion[run].any() and not (
-                    is_linear and _is_short_in_both(run, other_channel)
+                    is_linear and _is_wild_in_both(run, other_channel)
                 )
                 if (
                     is_shock
@@ -390,14 +390,14 @@ def _find_wild_samples(
     return {label: flags for label, flags in wild.items() if flags.any()}
 
 
-def _is_short_in_both(run: slice, other_channel: PredictedChannel) -> bool:
-    """Return whether one or two wild samples may explain a run and the other channel's events."""
+def _is_wild_in_both(run: slice, other_channel: PredictedChannel) -> bool:
+    """Return whether wild samples may explain the other channel's events at the time of a run."""
     at_once = [
-        event.may_be_short_wild
+        event.may_be_wild
         for event in other_channel.events
         if event.first <= run.stop and run.start <= event.end
     ]
-    return run.stop - run.start <= MAX_SHORT_RUN_SAMPLES and bool(at_once) and all(at_once)
+    return bool(at_once) and all(at_once)
 
 
 def _is_denied(
