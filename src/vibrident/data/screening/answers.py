@@ -167,7 +167,7 @@ class PredictedResponse:
 
         The response to the reference is known within the band of its motion alone, so that only
         this band is compared. Where the errors are lost in noise, the wild samples must exceed all
-        others of the channel.
+        others of the channel. Nothing confirms what the record ends before.
         """
         is_response = label == "response"
         channel = self.response if is_response else self.reference
@@ -181,6 +181,8 @@ class PredictedResponse:
             errors = np.convolve(errors, self._band_filter, mode="same")
             reach = BAND_LAGS
         span = slice(max(first - reach, 0), first - reach + effect.size)
+        if span.start >= errors.size:  # the record ends before the response
+            return True
         around = NEIGHBOURS + 2 * effect.size
         usual = self._deviation(errors, slice(max(span.start - around, 0), span.stop + around))
         if float(np.linalg.norm(errors[span])) < MAX_MISSED_SHARE * float(np.linalg.norm(effect)):

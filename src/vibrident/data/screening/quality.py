@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +22,7 @@ from vibrident.data.screening.gaps import find_lost_samples
 from vibrident.data.screening.held import is_stairs
 from vibrident.data.screening.repeats import repeated_block
 from vibrident.data.screening.wild import (
+    MAX_LONG_RUN_SAMPLES,
     MAX_RUN_SAMPLES,
     MAX_SHORT_RUN_SAMPLES,
     PredictedChannel,
@@ -189,6 +190,8 @@ class _RecordScreening:
                 label: PredictedChannel.from_samples(samples, longest)
                 for label, samples in self._channel_samples().items()
             }
+            if longest > MAX_RUN_SAMPLES and not _has_longer_events(channels.values()):
+                break
             for label, is_wild in reversed(_find_wild_samples(self.record, channels).items()):
                 observation = _wild_observation(self.record, label, is_wild)
                 self._mask(label, is_wild, "dead_channel", observation, f"{label} wild")
@@ -325,7 +328,16 @@ def _longest_runs(record: Record) -> tuple[int, ...]:
         return (MAX_SHORT_RUN_SAMPLES,)
     if record.excitation == "shock":
         return MAX_RUN_SAMPLES, MAX_SHORT_RUN_SAMPLES
-    return (MAX_RUN_SAMPLES,)
+    return MAX_RUN_SAMPLES, MAX_LONG_RUN_SAMPLES
+
+
+def _has_longer_events(channels: Iterable[PredictedChannel]) -> bool:
+    """Return whether an event is longer than the runs that are looked for at first."""
+    return any(
+        abs(event.end - event.first) > MAX_RUN_SAMPLES
+        for channel in channels
+        for event in channel.events
+    )
 
 
 def _is_linear(record: Record, channels: Mapping[str, PredictedChannel]) -> bool:

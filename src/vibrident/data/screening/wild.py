@@ -44,6 +44,8 @@ ROUGHNESS_ORDER = 3
 MAX_REST = 1e-3
 #: Longest run of wild samples where a reference shows the motion.
 MAX_RUN_SAMPLES = 40
+#: The same where events are longer.
+MAX_LONG_RUN_SAMPLES = 400
 #: Longest run of wild samples without a reference.
 MAX_SHORT_RUN_SAMPLES = 2
 #: Samples next to a longer run that are probably wild, too, but not far enough off to show it.
