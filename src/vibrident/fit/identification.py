@@ -11,7 +11,7 @@ import numpy as np
 
 from vibrident.base.tails import f_tail
 from vibrident.data.records import Calibration
-from vibrident.data.screening.held import has_stairs, is_held_drive
+from vibrident.data.screening.held import has_stairs
 from vibrident.fit.decay import decays_alone, with_free_decays
 from vibrident.fit.estimators import AUTO, Estimate, Estimator, choose
 from vibrident.fit.estimators.kinds.ipnn import Ipnn
@@ -111,7 +111,8 @@ def _fit_model(
     """Estimate a model by records or a table, beside the departures that the data show."""
     evidence = with_free_decays(Evidence.gather(calibration, model))
     chosen, reason = _estimator(evidence, estimator, uncertainty)
-    may_be_held = calibration.quantity == "drive" or has_stairs(calibration)
+    is_drive = calibration.quantity == "drive"
+    may_be_held = is_drive or has_stairs(evidence.records)
     if may_be_held and model.is_linear and calibration.records:
         fitted = _fit_drive(evidence, chosen, _held_network(estimator), progress)
         reason = fitted.reason or reason
@@ -165,9 +166,10 @@ def _fit_drive(
     """Estimate a model by a drive, or a motion in stairs, held where that explains the data."""
     if held_network is None:
         return Fitted.from_evidence(evidence, chosen, progress)
-    if not is_held_drive(evidence.calibration):
+    is_drive = evidence.calibration.quantity == "drive"
+    if not (is_drive and has_stairs(evidence.records)):
         plain = Fitted.from_evidence(evidence, chosen, progress)
-        if plain.adequate and evidence.calibration.quantity == "drive":
+        if plain.adequate and is_drive:
             return plain
         # The hold turns the phase by half a sample: what explains most of the motion is near.
         near = plain.values if plain.judgement.explained > 0.5 else None

@@ -8,7 +8,7 @@ from scipy.special import chdtri
 
 import vibrident
 from vibrident.data.records import Calibration, Record
-from vibrident.data.screening.held import is_held_drive, is_stairs
+from vibrident.data.screening.held import has_stairs, is_stairs
 
 RATE_HZ, SAMPLES = 100.0, 3000
 FINER = 20  # steps of the integration in a sample
@@ -81,8 +81,8 @@ def test_the_budget_holds_the_uncertainty_of_the_edges():
 
 
 def test_only_a_drive_in_stairs_is_held():
-    assert is_held_drive(stepped(1))
-    assert not is_held_drive(stepped(1, quantity="acceleration"))
+    (record,) = stepped(1).records
+    assert has_stairs([record])
     rng = np.random.default_rng(4)
     noise, time = rng.normal(size=SAMPLES), np.arange(SAMPLES)
     shock = np.where((time > 100) & (time < 160), np.sin(np.pi * (time - 100) / 60), 0.0)
@@ -90,6 +90,17 @@ def test_only_a_drive_in_stairs_is_held():
         assert not is_stairs(moving)
     for hold in (2, 5, 40):
         assert is_stairs(noise.repeat(hold)[:SAMPLES] + 1e-3 * rng.normal(size=SAMPLES))
+
+
+def test_codes_of_lost_samples_are_no_stairs(rng):
+    """Five samples of -9999 twice: the fit of a held drive was tried, which took twenty times as long."""
+    moving = rng.normal(size=SAMPLES)
+    lost = np.zeros(SAMPLES, dtype=bool)
+    lost[100:105] = lost[300:305] = True
+    moving[lost] = -9999.0
+    record = vibrident.Record("coded", moving, moving, 1000.0, "random")
+    assert has_stairs([record])
+    assert not has_stairs([record.without(lost, "codes")])
 
 
 @pytest.mark.parametrize("run", [80, 82])

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from vibrident.data.records import Calibration, FloatArray
+from vibrident.data.records import FloatArray, Record
 
 #: A step between treads exceeds this many standard deviations of the noise, which noise itself
 #: exceeds with a chance of 1e-9.
@@ -14,17 +16,12 @@ MIN_LONE_POWER = 0.99  # part of the steps' power in steps whose neighbours are 
 MIN_EXPLAINED = 0.5  # part of the signal's power in the levels of its treads: most of it
 
 
-def is_held_drive(calibration: Calibration) -> bool:
-    """Tell whether every driven record's reference is a drive in stairs, with noise or without.
+def has_stairs(records: Sequence[Record]) -> bool:
+    """Tell whether every screened, driven record's reference is in stairs, with noise or without.
 
     A commanded signal is held; a motion in stairs may be so, or was recorded with few bits.
     """
-    return calibration.quantity == "drive" and has_stairs(calibration)
-
-
-def has_stairs(calibration: Calibration) -> bool:
-    """Tell whether every driven record's reference is in stairs, with noise or without."""
-    references = [r.reference for r in calibration.records if r.reference is not None]
+    references = [r.reference[r.reference_mask] for r in records if r.reference is not None]
     return bool(references) and all(map(is_stairs, references))
 
 
