@@ -127,16 +127,18 @@ class PredictionSamples:
         return LinearPrediction(weights[::-1], max(deviation, np.finfo(float).eps))
 
     def without_worst(self, prediction: LinearPrediction) -> PredictionSamples:
-        """Return the samples without those near large errors of a prediction.
+        """Return the samples without those that a wild sample, where errors are large, predicts.
 
-        Returns all samples if more than half would go: half may lie at rest, which says nothing
-        about the motion.
+        Returns all samples if no error is large, or if more than half would go: half may lie at
+        rest, which says nothing about the motion.
         """
         size = np.abs(prediction.taps[::-1] @ self.windows)
         usual = float(np.median(size[self.clean])) / MEDIAN_OF_NORMAL
-        clean = self.clean & ~extend_flags(self.clean & (size > MAX_NOISE_SIGMA * usual), ORDER)
-        return (
-            PredictionSamples(self.windows, clean)
-            if np.sum(clean) > 0.5 * np.sum(self.clean)
-            else self
-        )
+        is_large = self.clean & (size > MAX_NOISE_SIGMA * usual)
+        if not is_large.any():
+            return self
+        half = ORDER // 2
+        after = np.pad(extend_flags(is_large, half), (half, 0))[: is_large.size]
+        clean = self.clean & ~after
+        is_enough = np.sum(clean) > 0.5 * np.sum(self.clean)
+        return PredictionSamples(self.windows, clean) if is_enough else self

@@ -166,20 +166,14 @@ class PredictedChannel:
 
     @functools.cached_property
     def _fitted(self) -> tuple[LinearPrediction, FloatArray]:
-        """Return the prediction, and its errors matched to a wild sample.
-
-        The first fit stands where its errors are noise or rounding: where the largest of them is
-        below MAX_NOISE_SIGMA standard deviations, estimated by their median.
-        """
+        """Return the prediction, and its errors matched to a wild sample."""
         samples = PredictionSamples.from_series(self.series, self.has_past)
         prediction = samples.fit()
-        errors = prediction.matched(self.series, self.has_both_sides)
-        size = np.abs(errors)
-        is_usual = size > MEDIAN_OF_NORMAL / MAX_NOISE_SIGMA * np.max(size)
-        if np.count_nonzero(is_usual) > 0.5 * np.count_nonzero(self.has_both_sides):
-            return prediction, errors
         for _ in range(REFITS):
-            prediction = samples.without_worst(prediction).fit()
+            usual = samples.without_worst(prediction)
+            if usual is samples:
+                break
+            prediction = usual.fit()
         return prediction, prediction.matched(self.series, self.has_both_sides)
 
     @functools.cached_property
