@@ -30,6 +30,16 @@ def test_steady_tones_and_noise_go_on(count: int, noise: float, rng: np.random.G
     assert said >= 19
 
 
+@pytest.mark.parametrize("growth", [3.0, 5.0])
+def test_a_motion_that_grows_goes_on(growth: float, rng: np.random.Generator) -> None:
+    """It was fitted for eighty seconds, at a damping of zero."""
+    said = 0
+    for _ in range(20):
+        values = np.exp(growth * T / N) * tones(rng, 1) + 0.01 * rng.standard_normal(N)
+        said += is_sustained(values, np.ones(N, dtype=bool))
+    assert said >= 14
+
+
 @pytest.mark.parametrize("lives", [0.01, 0.1, 1.0, 10.0])
 @pytest.mark.parametrize("noise", [1e-4, 0.1])
 @pytest.mark.parametrize("begins", [0, 1500])
