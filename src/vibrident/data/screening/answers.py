@@ -180,7 +180,9 @@ class PredictedResponse:
             effect = np.convolve(effect, self._band_filter)
             errors = np.convolve(errors, self._band_filter, mode="same")
             reach = BAND_LAGS
-        span = slice(max(first - reach, 0), first - reach + effect.size)
+        begin = max(first - reach, ORDER)
+        effect = effect[begin - (first - reach) : errors.size - (first - reach)]
+        span = slice(begin, begin + effect.size)
         if span.start >= errors.size:  # the record ends before the response
             return True
         around = NEIGHBOURS + 2 * effect.size

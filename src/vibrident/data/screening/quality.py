@@ -393,9 +393,11 @@ def _find_wild_samples(
                 may_be_motion = is_motion[run].any() and not (
                     is_linear and _is_wild_in_both(run, other_channel)
                 )
+                at_an_end = first == 0 or end == record.samples
                 if (
                     is_shock
                     or may_be_motion
+                    or (at_an_end and not is_linear)
                     or not _is_denied(label, run, channels[label], predictions)
                 ):
                     wild[label][run] = False
@@ -419,8 +421,10 @@ def _is_denied(
     predictions: Sequence[PredictedResponse],
 ) -> bool:
     """Return whether a run holds wild samples that no motion explains, as all predictions say."""
+    ends = (0, channel.valid.size)
     return any(
-        event.may_be_short_wild or all(each.denies(label, event) for each in predictions)
+        (event.may_be_short_wild and event.first != ends[0] and event.end != ends[1])
+        or all(each.denies(label, event) for each in predictions)
         for event in channel.events
         if event.wild and run.start <= event.first < run.stop
     )

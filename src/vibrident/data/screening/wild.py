@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -195,9 +196,36 @@ class PredictedChannel:
 
     @functools.cached_property
     def events(self) -> tuple[ChannelEvent, ...]:
-        """Return the places where the channel does not go on as predicted; none if too many."""
+        """Return the places where the channel does not go on as predicted; none if too many.
+
+        Those at its ends are sought with longer runs alone: what lies beyond is not known.
+        """
         if not self.is_readable:
             return ()
+        at_ends = self.max_run_samples > MAX_SHORT_RUN_SAMPLES
+        return (*self._inner_events, *(self._end_events() if at_ends else ()))
+
+    def _end_events(self) -> Iterator[ChannelEvent]:
+        """Yield the runs from the begin, and to the end, that the samples beside do not explain."""
+        samples = self.series.size
+        for is_begin in (True, False):
+            near = slice(0, 3 * ORDER) if is_begin else slice(samples - 3 * ORDER, samples)
+            if not self.valid[near].all():
+                continue
+            errors = self.prediction.errors(self.series[near])[is_begin]
+            size = np.abs(errors[::-1] if is_begin else errors)  # towards the end
+            inner = 2 * ORDER if is_begin else samples - 2 * ORDER
+            usual = float(self.usual_size(np.array([inner]))[0]) * self.prediction.deviation
+            odd = np.flatnonzero(size > MAX_NOISE_SIGMA * usual)
+            strength = float(np.max(size)) / usual
+            if odd.size and odd[0] >= ORDER and strength > MIN_WILD_SIGMA:
+                length = size.size - int(odd[0])
+                ends = (0, length) if is_begin else (samples - length, samples)
+                yield ChannelEvent(*ends, strength, lone=True, wild=True)
+
+    @functools.cached_property
+    def _inner_events(self) -> tuple[ChannelEvent, ...]:
+        """Return the events with enough samples on both sides."""
         size = np.abs(self.errors)
         index = np.flatnonzero(size > MAX_NOISE_SIGMA)
         if not index.size:
@@ -308,6 +336,9 @@ class PredictedChannel:
 
     def sizes(self, event: ChannelEvent) -> FloatArray:
         """Return by how much wild samples differ from the prediction of their neighbours."""
+        if event.first == 0:
+            backward = self.prediction.errors(self.series[: event.end + ORDER])[1]
+            return self._fit_wild_sizes(backward[::-1], event.end)[0][::-1]
         errors = self.prediction.errors(self.series[event.first - ORDER : event.end + ORDER])[0]
         return self._fit_wild_sizes(errors, event.end - event.first)[0]
 
