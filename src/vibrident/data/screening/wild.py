@@ -51,6 +51,8 @@ MAX_LONG_RUN_SAMPLES = 400
 MAX_SHORT_RUN_SAMPLES = 2
 #: Samples next to a longer run that are probably wild, too, but not far enough off to show it.
 GUARD_SAMPLES = 4
+#: Wild samples at an end exceed all others by this factor, as no transient does.
+MIN_END_PROMINENCE = 3.0
 #: Largest number of wild runs over the number of samples; more of them are the channel's nature.
 MAX_WILD_SHARE = 0.01
 #: Samples on either side that show the usual size of errors, in addition to those that a run of
@@ -206,7 +208,10 @@ class PredictedChannel:
         return (*self._inner_events, *(self._end_events() if at_ends else ()))
 
     def _end_events(self) -> Iterator[ChannelEvent]:
-        """Yield the runs from the begin, and to the end, that the samples beside do not explain."""
+        """Yield the runs from the begin, and to the end, that the samples beside do not explain.
+
+        They exceed all others by far: a sensor that begins at rest is not explained either.
+        """
         samples = self.series.size
         for is_begin in (True, False):
             near = slice(0, 3 * ORDER) if is_begin else slice(samples - 3 * ORDER, samples)
@@ -220,8 +225,9 @@ class PredictedChannel:
             strength = float(np.max(size)) / usual
             if odd.size and odd[0] >= ORDER and strength > MIN_WILD_SIGMA:
                 length = size.size - int(odd[0])
-                ends = (0, length) if is_begin else (samples - length, samples)
-                yield ChannelEvent(*ends, strength, lone=True, wild=True)
+                run = slice(0, length) if is_begin else slice(samples - length, samples)
+                if self.prominence(run) > MIN_END_PROMINENCE:
+                    yield ChannelEvent(run.start, run.stop, strength, lone=True, wild=True)
 
     @functools.cached_property
     def _inner_events(self) -> tuple[ChannelEvent, ...]:
