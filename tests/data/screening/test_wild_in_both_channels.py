@@ -69,3 +69,21 @@ def test_spikes_at_an_even_distance_are_left_out(size: float, rng: np.random.Gen
     reference[spikes] += size
     excluded = left_out(reference, response)
     assert np.array_equal(excluded, spikes)
+
+
+@pytest.mark.parametrize("place", [0, 1, 9, N - 10, N - 1])
+@pytest.mark.parametrize("channel", [0, 1])
+def test_a_wild_sample_near_an_end_is_left_out(place: int, channel: int, rng: np.random.Generator) -> None:
+    channels = motion(rng, 0.1)
+    channels[channel][place] = 1e3
+    excluded = left_out(*channels)
+    assert excluded[place]
+    assert excluded.sum() <= 16 + GUARD
+
+
+def test_a_sensor_that_begins_at_rest_is_not_wild(rng: np.random.Generator) -> None:
+    reference, _ = motion(rng, 0.1)
+    f = np.fft.rfftfreq(2 * N)
+    shape = 0.01 / (0.01 - f**2 + 0.02j * f)
+    response = np.fft.irfft(np.fft.rfft(reference, 2 * N) * shape, 2 * N)[:N]
+    assert not left_out(reference, response + 1e-3 * rng.standard_normal(N)).any()

@@ -321,3 +321,18 @@ def test_a_channel_that_is_known_as_a_table_is_refused_for_decays():
     table = KnownResponse.from_table([1.0, 500.0], [1.0, 1.0], [0.0, 0.0])
     with pytest.raises(InputError, match="A table of the channel's response does not tell how a free decay passes it"):
         vibrident.identify(replace(decays(swing(40.0, 0.05, 900)), response_known_response=table))
+
+
+@pytest.mark.parametrize("hum", [0.0, 0.3])
+@pytest.mark.parametrize("rise", [0.0, 1.0])
+def test_what_dies_away_is_found_beside_a_line_and_a_tone(hum, rise, rng):
+    """The line was fitted as a slow motion, and the tone as the decay: 1,000 and 5 million u off."""
+    natural, damping, samples = 150.0, 0.004, 4000
+    time = np.arange(samples) / RATE
+    response = swing(natural, damping, samples) + rise * time + hum * np.cos(2 * np.pi * 20.0 * time)
+    result = vibrident.identify(decays(response + 1e-3 * rng.standard_normal(samples)))
+    for name, true in (("natural_frequency", natural), ("damping_ratio", damping)):
+        stated = result.parameters[name]
+        assert abs(stated.value - true) < 4.0 * stated.standard_uncertainty
+        assert stated.standard_uncertainty < 1e-2 * true
+    assert result.warning_codes == (("drift",) if rise else ())
