@@ -323,12 +323,14 @@ def _longest_runs(record: Record) -> tuple[int, ...]:
     """Return the longest runs of wild samples to look for, one after the other.
 
     In a shock a long run is wild only where the reference rests, a short one amidst the motion too.
+    A sweep may fade in and out, which looks like a long run.
     """
     if record.reference is None or record.excitation not in (*LINEAR, "shock"):
         return (MAX_SHORT_RUN_SAMPLES,)
     if record.excitation == "shock":
         return MAX_RUN_SAMPLES, MAX_SHORT_RUN_SAMPLES
-    return MAX_RUN_SAMPLES, MAX_LONG_RUN_SAMPLES
+    steady = (MAX_LONG_RUN_SAMPLES,) if record.excitation in STEADY else ()
+    return MAX_RUN_SAMPLES, *steady
 
 
 def _has_longer_events(channels: Iterable[PredictedChannel]) -> bool:
