@@ -103,7 +103,7 @@ def without_steady_decays(
     """
     steady = [r for r in records if r.excitation == "decay" and is_sustained(r.response, r.mask)]
     text = (
-        "the response does not die away, it is as large at the end as throughout; "
+        "the response does not die away, it is as large at the end as ever; "
         "the record is left out."
     )
     findings = [ScreeningFinding("dead_channel", f"{record.name}: {text}") for record in steady]
