@@ -227,6 +227,9 @@ class _RecordScreening:
         self.record = exclude(excluded, reason)
 
     def _mask_clipped_samples(self, label: str, full_scale: float | None) -> None:
+        # The highest tread of stairs is no rail, nor the level at which the sensor rests on it.
+        if full_scale is None and _is_in_stairs(self.record):
+            return
         is_clipped, rails = find_clipped(self._channel_samples()[label], full_scale)
         if is_clipped.any():
             unit = self._units.get(label, "1")
@@ -293,7 +296,7 @@ class _RecordScreening:
                 for label, values, _ in _channels(record)
             }
         breaks = find_breaks(**channels)
-        if breaks.size == 0 or is_stairs(record.reference):
+        if breaks.size == 0 or _is_in_stairs(record):
             return
         predictions = PredictedResponse.all_from_channels(**channels)
         breaks = breaks[
@@ -326,6 +329,11 @@ def _longest_runs(record: Record) -> tuple[int, ...]:
     if record.excitation == "shock":
         return MAX_RUN_SAMPLES, MAX_SHORT_RUN_SAMPLES
     return (MAX_RUN_SAMPLES,)
+
+
+def _is_in_stairs(record: Record) -> bool:
+    """Return whether the reference is in stairs."""
+    return record.reference is not None and is_stairs(record.reference[record.reference_mask])
 
 
 def _is_linear(record: Record, channels: Mapping[str, PredictedChannel]) -> bool:
@@ -363,11 +371,12 @@ def _find_wild_samples(
 
     Where the other channel moves as oddly, the samples are motion, and so is a shock, where both
     channels are large. But in a motion that goes on, one or two odd samples in both channels at
-    once are wild: a sensor answers for longer.
+    once are wild: a sensor answers for longer. A longer run of a reference in stairs is a tread.
     """
     wild = {label: channel.wild.copy() for label, channel in channels.items()}
     if len(wild) == 2 and any(flags.any() for flags in wild.values()):
         is_linear = _is_linear(record, channels)
+        is_in_stairs = _is_in_stairs(record)
         predictions = PredictedResponse.all_from_channels(**channels)
         for label, other_channel in zip(wild, [*channels.values()][::-1], strict=True):
             if not wild[label].any():
@@ -381,8 +390,12 @@ def _find_wild_samples(
                 may_be_motion = is_motion[run].any() and not (
                     is_linear and _is_short_in_both(run, other_channel)
                 )
+                is_tread = (
+                    label == "reference" and is_in_stairs and end - first > MAX_SHORT_RUN_SAMPLES
+                )
                 if (
                     is_shock
+                    or is_tread
                     or may_be_motion
                     or not _is_denied(label, run, channels[label], predictions)
                 ):
