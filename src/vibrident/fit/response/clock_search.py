@@ -98,7 +98,7 @@ class _Channels:
             power = power_of(WINDOW_BINS @ _neighbours(reference, usable))
             bins = usable[power > MIN_POWER * np.max(power)]
             first = max(int(bins[0] * (1.0 - MAX_OFFSET)) - 2, WINDOW_REACH)
-            last = max(int(USABLE_BAND * n) + 1, first)
+            last = min(int(bins[-1] * (1.0 + MAX_OFFSET)) + 3, n // 2 + 1 - WINDOW_REACH)
             hz = np.asarray(bins * (self.rate_hz / n), dtype=float)
             self._motions[samples] = _Motion(
                 n, np.arange(first, last), bins, hz, _neighbours(reference, bins)
@@ -143,7 +143,7 @@ class _Motion(NamedTuple):
 
     Attributes:
         samples: number of samples n.
-        band: bins that hold all of the response at any ratio of the clocks.
+        band: bins that hold all of the motion at any ratio of the clocks.
         bins: those with motion, shape (K,).
         hz: their frequencies, shape (K,).
         reference: the reference there, without a window, at the bins of the window about each,
@@ -162,7 +162,7 @@ class _BandResponse(NamedTuple):
 
     Attributes:
         response: without a window, at the bins of the window about each, shape (window, K).
-        total: power of the windowed response at all frequencies that a fit uses.
+        total: power of the windowed response in the whole band.
     """
 
     response: ComplexArray
