@@ -9,6 +9,7 @@ from scipy.special import chdtri
 import vibrident
 from vibrident.data.records import Calibration, Record
 from vibrident.data.screening.held import has_stairs, is_stairs
+from vibrident.data.screening.quality import screen
 
 RATE_HZ, SAMPLES = 100.0, 3000
 FINER = 20  # steps of the integration in a sample
@@ -50,6 +51,23 @@ def test_a_held_step_is_fitted_as_held(seed):
     assert result.fit.adequate
     assert result.warning_codes == ()
     assert "held between its samples" in result.settings["estimator_choice"]
+
+
+@pytest.mark.parametrize("levels", [(-0.5, 0.0, 0.7), (-1.0, 1.0), (0.0, 0.0, 0.0, 1.0)])
+@pytest.mark.parametrize("hold", [5, 40])
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_levels_of_a_drive_are_not_clipped(levels, hold, noise):
+    """The highest level was taken for a rail, and nothing was left of the record."""
+    rng = np.random.default_rng(hold)
+    drive = rng.choice(levels, SAMPLES // hold).repeat(hold)
+    omega = 2 * np.pi * 1.3
+    system = signal.lti([omega**2], [1.0, 0.6 * omega, omega**2])
+    response = signal.lsim(system, drive, np.arange(SAMPLES) / RATE_HZ, interp=False)[1]
+    response = response + 1e-3 * rng.standard_normal(SAMPLES)
+    drive = drive + noise * rng.standard_normal(SAMPLES)
+    records, findings = screen((Record("levels", drive, response, RATE_HZ, "random"),))
+    assert {finding.code for finding in findings} <= {"aliasing"}
+    assert records[0].mask.all()
 
 
 @pytest.mark.parametrize(("hold", "late"), [(1, -2), (2, 1), (8, 0), (8, 7), (32, -10)])

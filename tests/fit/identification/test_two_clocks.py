@@ -6,6 +6,7 @@ import pytest
 import vibrident
 from vibrident.data.records import Calibration, Record
 from vibrident.fit.response.clock_ratio import MAX_OFFSET, at_reference_clock, clock_offset, nearby_offset
+from vibrident.fit.response.clock_search import ClockSearch
 
 RATE_HZ, SAMPLES, FINER, BEFORE_S = 8000.0, 16000, 4, 0.05
 TRUE = {"sensitivity": 1.0, "natural_frequency": 900.0, "damping_ratio": 0.05}
@@ -86,6 +87,35 @@ def test_sines_of_two_clocks(offset):
     result = vibrident.identify(sines(offset), model="accelerometer")
     assert result.warning_codes == ("clock_suspect",)
     assert np.max(np.abs(z_of(result))) < 4.0
+
+
+@pytest.mark.parametrize("offset", [-7e-5, 1e-4, 3e-4])
+def test_two_clocks_without_a_delay_in_the_model(offset):
+    """Most of the misfit is the mean delay, which is coherent with the motion: no clock was sought."""
+    records = tuple(Record(f"r{k}", *channels("random", offset, k), RATE_HZ, "random") for k in range(2))
+    result = vibrident.identify(Calibration(records=records, quantity="acceleration"), "accelerometer")
+    assert result.warning_codes == ("clock_suspect",)
+    assert np.max(np.abs(z_of(result))) < 4.0
+
+
+@pytest.mark.parametrize("offset", [0.0, -3e-3, 1e-2])
+def test_ringing_does_not_hide_the_ratio_of_the_clocks(offset, rng):
+    """The search leaves the noise at the true ε though the sensor rings for as long as the record lasts."""
+    damping, samples, at = 1e-3, 4000, np.arange(4000) / RATE_HZ
+    hz = np.arange(20.0, 1500.0, 0.5)
+    lines = rng.standard_normal(hz.size) + 1j * rng.standard_normal(hz.size)
+    reference, response = np.empty((2, samples))
+    for channel, bins, time in (
+        (reference, lines, at),
+        (response, lines * transfer(hz, damping), at * (1 + offset)),
+    ):
+        for block in range(0, samples, 500):
+            turns = np.exp(2j * np.pi * np.multiply.outer(time[block : block + 500], hz))
+            channel[block : block + 500] = (turns @ bins).real
+    pair = Calibration.from_arrays(reference, response, RATE_HZ, excitation="random")
+    search = ClockSearch.from_records(pair.records, 2, 2, delayed=False)
+    assert search.unexplained(offset, samples) < 1e-4
+    assert nearby_offset(pair.records, 2, 2, delayed=False) == pytest.approx(offset, abs=1e-5)
 
 
 @pytest.mark.draws(1, 15)

@@ -103,8 +103,7 @@ def without_steady_decays(
     """
     steady = [r for r in records if r.excitation == "decay" and is_sustained(r.response, r.mask)]
     text = (
-        "the response does not die away, it is as large at the end as ever; "
-        "the record is left out."
+        "the response does not die away, it is as large at the end as ever; the record is left out."
     )
     findings = [ScreeningFinding("dead_channel", f"{record.name}: {text}") for record in steady]
     return _require_records([record for record in records if record not in steady], findings)
@@ -230,6 +229,9 @@ class _RecordScreening:
         self.record = exclude(excluded, reason)
 
     def _mask_clipped_samples(self, label: str, full_scale: float | None) -> None:
+        # The highest tread of stairs is no rail, nor the level at which the sensor rests on it.
+        if full_scale is None and _is_in_stairs(self.record, self.record.reference_mask):
+            return
         is_clipped, rails = find_clipped(self._channel_samples()[label], full_scale)
         if is_clipped.any():
             unit = self._units.get(label, "1")
@@ -296,7 +298,7 @@ class _RecordScreening:
                 for label, values, _ in _channels(record)
             }
         breaks = find_breaks(**channels)
-        if breaks.size == 0 or is_stairs(record.reference):
+        if breaks.size == 0 or _is_in_stairs(record, record.reference_mask):
             return
         predictions = PredictedResponse.all_from_channels(**channels)
         breaks = breaks[
@@ -342,11 +344,9 @@ def _has_longer_events(channels: Iterable[PredictedChannel]) -> bool:
     )
 
 
-def _is_linear(record: Record, channels: Mapping[str, PredictedChannel]) -> bool:
-    """Return whether the motion goes on throughout the record; a drive in stairs does not."""
-    return record.excitation in LINEAR and not (
-        record.reference is not None and is_stairs(record.reference[~channels["reference"].wild])
-    )
+def _is_in_stairs(record: Record, used: BoolArray) -> bool:
+    """Return whether the used samples of the reference are in stairs."""
+    return record.reference is not None and is_stairs(record.reference[used])
 
 
 def _wild_observation(record: Record, label: str, is_wild: BoolArray) -> str:
@@ -377,11 +377,15 @@ def _find_wild_samples(
 
     Where the other channel moves as oddly, the samples are motion, and so is a shock, where both
     channels are large. But in a motion that goes on, odd samples in both channels at once are wild
-    where both go on as before: a sensor answers for longer.
+    where both go on as before: a sensor answers for longer. A run of more than two samples of a
+    reference in stairs is a tread.
     """
     wild = {label: channel.wild.copy() for label, channel in channels.items()}
     if len(wild) == 2 and any(flags.any() for flags in wild.values()):
-        is_linear = _is_linear(record, channels)
+        # Its treads may look wild, or wild samples may hide its stairs. It does not go on.
+        used = record.reference_mask, ~channels["reference"].wild
+        is_in_stairs = any(_is_in_stairs(record, samples) for samples in used)
+        is_linear = record.excitation in LINEAR and not is_in_stairs
         predictions = PredictedResponse.all_from_channels(**channels)
         for label, other_channel in zip(wild, [*channels.values()][::-1], strict=True):
             if not wild[label].any():
@@ -396,8 +400,12 @@ def _find_wild_samples(
                     is_linear and _is_wild_in_both(run, other_channel)
                 )
                 at_an_end = first == 0 or end == record.samples
+                is_tread = (
+                    label == "reference" and is_in_stairs and end - first > MAX_SHORT_RUN_SAMPLES
+                )
                 if (
                     is_shock
+                    or is_tread
                     or may_be_motion
                     or (at_an_end and not is_linear)
                     or not _is_denied(label, run, channels[label], predictions)

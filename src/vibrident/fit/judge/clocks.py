@@ -21,6 +21,7 @@ from vibrident.fit.response.bands import band_edges
 from vibrident.fit.response.clock_ratio import nearby_offset
 from vibrident.fit.response.clock_search import MAX_OFFSET
 from vibrident.fit.response.transform import band_sums, power_of
+from vibrident.fit.uncertainty.explained import MIN_INCOHERENT_MISFIT
 from vibrident.fit.uncertainty.parameters import deviations
 
 SOURCE = "the ratio of the two clocks"
@@ -28,6 +29,7 @@ CHANGE = "change"  # the departure that two clocks look like: a sensor that chan
 MIN_SIGMA = 4.0  # of ε, to be tried
 DELAY_ORDER = 2  # of a rational function for what remains of a delay (Padé)
 MAX_ROUNDS = 6
+TINY = np.finfo(float).tiny
 MIN_FALL = 2.0  # of the unexplained power, for a fit that remains rejected
 
 
@@ -43,10 +45,13 @@ def at_one_clock(fitted: Fitted) -> Fitted:
         fitted = replace(fitted, departures=departures_of(fitted))
         if fitted.adequate and not departure_names(fitted) & {CLOCKS.name, CHANGE}:
             return fitted
+    nearby = 0.0 if known or fitted.adequate else _distance_to_nearby(fitted)
+    if not known and nearby == 0.0 and _is_stationary(fitted):
         shares = fitted.judgement.shares
-        if _is_stationary(fitted) and (shares.is_of_steady_sensor or shares.is_incoherent):
+        least = MIN_INCOHERENT_MISFIT * _incoherent_share(fitted)
+        if shares.is_incoherent or shares.incoherent_misfit < least:
             return fitted
-    settled = _settle_offset(fitted, known)
+    settled = _settle_offset(fitted, known, nearby)
     if settled is None:
         return fitted
     best, u = settled
@@ -72,6 +77,25 @@ def _is_stationary(fitted: Fitted) -> bool:
     return all(record.excitation in STATIONARY_EXCITATIONS for record in fitted.evidence.records)
 
 
+def _incoherent_share(fitted: Fitted) -> float:
+    """Return the share of what two clocks leave unexplained that is incoherent with the motion.
+
+    Two clocks delay motion by ε times its instant. A model without delay leaves all of that
+    unexplained, of which the mean delay is coherent with the motion.
+    """
+    if fitted.evidence.model.has_delay:
+        return 1.0
+    moments = np.zeros(3)
+    for record in fitted.evidence.records:
+        if record.reference is None:
+            continue
+        motion = np.where(record.reference_mask, record.reference, 0.0)
+        power = (motion - motion.mean()) ** 2 / max(float(np.var(motion)), TINY)
+        moments += [np.sum(power * record.time_s**order) for order in range(3)]
+    total, first, second = moments
+    return 1.0 - first**2 / max(total * second, TINY)
+
+
 def _suffices(at_no_offset: Fitted, best: Fitted, has_offset: bool) -> bool:
     """Return whether one clock explains as much; ``has_offset``: whether two clocks explain all."""
     if not has_offset:
@@ -80,10 +104,13 @@ def _suffices(at_no_offset: Fitted, best: Fitted, has_offset: bool) -> bool:
     return at_no_offset.adequate and at_no_offset.judgement.unexplained <= max_unexplained
 
 
-def _settle_offset(fitted: Fitted, known: bool) -> tuple[Fitted, float] | None:
+def _settle_offset(fitted: Fitted, known: bool, nearby: float) -> tuple[Fitted, float] | None:
     """Return the fit at the ε that the score leads to, and u(ε); None where ε is not significant.
 
-    ``known``: whether the clock was corrected before the fit.
+    Args:
+        fitted: the first fit.
+        known: whether the clock was corrected before it.
+        nearby: distance to an ε that explains far more, which is tried first; 0 where none does.
     """
     best = fitted
     u = math.inf
@@ -94,11 +121,10 @@ def _settle_offset(fitted: Fitted, known: bool) -> tuple[Fitted, float] | None:
         change, u = step
         if round_number == 0 and best.adequate and not known and abs(change) < MIN_SIGMA * u:
             return None
-        if abs(change) < MAX_SETTLED_STEP * u:
-            break
-        steps = [change]
-        if round_number == 0 and not best.adequate:  # ε may be beyond first order
-            steps = [*filter(None, [_distance_to_nearby(best)]), change]
+        # ε may be beyond first order.
+        steps = [nearby] if round_number == 0 and nearby else []
+        if abs(change) >= MAX_SETTLED_STEP * u:
+            steps.append(change)
         improved = next(filter(None, (_improved(best, step) for step in steps)), None)
         if improved is None:
             break

@@ -50,6 +50,7 @@ def clock_offset(records: Sequence[Record]) -> float:
         width = search.valley(samples)
         steps = np.arange(-np.ceil(reach / width), np.ceil(reach / width) + 1) * width
         offsets = np.unique(np.round((candidates[:, None] + steps) / width)) * width
+        offsets = np.unique(np.clip(offsets, -MAX_OFFSET, MAX_OFFSET))
         unexplained = np.array([search.unexplained(offset, samples) for offset in offsets])
         order = np.argsort(unexplained)[:MAX_CANDIDATES]
         least = unexplained[order[0]]

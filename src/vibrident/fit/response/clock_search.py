@@ -1,4 +1,9 @@
-"""Search for the ratio of two clocks at which a rational transfer function explains most."""
+"""Search for the ratio of two clocks at which a rational transfer function explains most.
+
+The channels' derivatives are weighted by a window, not multiplied by powers of the frequency after
+it: with a window that vanishes at its ends with its derivatives, what rings when a record begins or
+ends leaves no residual (modulating functions; Shinbrot 1957).
+"""
 
 from __future__ import annotations
 
@@ -23,7 +28,10 @@ MAX_OFFSET = 0.045  # of a clock without crystal: 4 %, and a margin
 FIRST_ORDER = 0.02
 MAX_ORDER = 6  # of the transfer function: two modes and a high-pass, or a delay of a period
 MIN_POWER = 1e-4  # of a bin over the strongest of its record, to count as motion
-LOBE_BINS = 5  # of a tone under the window
+LOBE_BINS = 7  # of a tone under the window
+#: Bins of a squared Hann window about a bin.
+WINDOW_BINS = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 16.0
+WINDOW_REACH = len(WINDOW_BINS) // 2
 ITERATIONS = 3  # of the linearised fit
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)  # of an interval, the longer part
 PRECISION = 1e-3  # of the valley's width; the test of departures from the fit gives the last digits
@@ -68,12 +76,15 @@ class _Channels:
         bins[: self.samples // 2 + 1] = fft.rfft(self.response)
         return fft.irfft(bins, self.samples * FINER) * FINER
 
-    def at(self, offset: float, samples: int) -> FloatArray:
-        """Return the response at the first instants of the reference, shape (samples,)."""
-        if offset == 0.0:
+    def at(self, offset: float, samples: int, delay_s: float = 0.0) -> FloatArray:
+        """Return the response a delay after the first instants of the reference, shape (samples,).
+
+        Before its first and after its last sample it is constant.
+        """
+        if offset == delay_s == 0.0:
             return self.response[:samples]
-        places = np.arange(samples) * (FINER / (1.0 + offset))
-        np.minimum(places, len(self.finer) - 1, out=places)
+        places = (np.arange(samples) + delay_s * self.rate_hz) * (FINER / (1.0 + offset))
+        np.clip(places, 0.0, (self.samples - 1) * FINER, out=places)
         before = np.minimum(places.astype(int), len(self.finer) - 2)
         value = self.finer[before]
         return value + (places - before) * (self.finer[before + 1] - value)
@@ -82,14 +93,16 @@ class _Channels:
         """Return the reference in a band that holds all of the motion, cached by length."""
         if samples not in self._motions:
             n = min(samples, self.samples)
-            x = fft.rfft(self.reference[:n] * hann(n))
-            power = power_of(x[: int(USABLE_BAND * n) + 1])
-            power[:2] = 0.0  # means under the window
-            bins = np.flatnonzero(power > MIN_POWER * np.max(power))
-            first = max(int(bins[0] * (1.0 - MAX_OFFSET)) - 2, 1)
-            last = min(int(bins[-1] * (1.0 + MAX_OFFSET)) + 3, n // 2 + 1)
+            reference = fft.rfft(self.reference[:n])
+            usable = np.arange(WINDOW_REACH + 1, int(USABLE_BAND * n) + 1)
+            power = power_of(WINDOW_BINS @ _neighbours(reference, usable))
+            bins = usable[power > MIN_POWER * np.max(power)]
+            first = max(int(bins[0] * (1.0 - MAX_OFFSET)) - 2, WINDOW_REACH)
+            last = min(int(bins[-1] * (1.0 + MAX_OFFSET)) + 3, n // 2 + 1 - WINDOW_REACH)
             hz = np.asarray(bins * (self.rate_hz / n), dtype=float)
-            self._motions[samples] = _Motion(n, slice(first, last), bins, hz, x[bins])
+            self._motions[samples] = _Motion(
+                n, np.arange(first, last), bins, hz, _neighbours(reference, bins)
+            )
         return self._motions[samples]
 
     @functools.cached_property
@@ -97,15 +110,15 @@ class _Channels:
         """Return the cache of the motion, by number of samples."""
         return {}
 
-    def response_at(self, offset: float, samples: int) -> _BandResponse:
-        """Return the response at the bins of the motion."""
+    def response_at(self, offset: float, samples: int, delay_s: float = 0.0) -> _BandResponse:
+        """Return the response at the bins of the motion, a delay after it."""
         motion = self.motion(samples)
-        y = fft.rfft(self.at(offset, motion.samples) * hann(motion.samples))
-        total = float(np.sum(power_of(y[motion.band]))) or 1.0
-        return _BandResponse(y[motion.bins], total)
+        response = fft.rfft(self.at(offset, motion.samples, delay_s))
+        total = float(np.sum(power_of(WINDOW_BINS @ _neighbours(response, motion.band)))) or 1.0
+        return _BandResponse(_neighbours(response, motion.bins), total)
 
     def delay_s(self, response: ComplexArray, samples: int) -> float:
-        """Return the delay of most of a response at the bins of the motion."""
+        """Return the delay of most of a response at the motion's bins and their neighbours."""
         motion = self.motion(samples)
         enough = len(motion.bins) > MAX_ORDER * LOBE_BINS
         return _delay_samples(motion, response) / self.rate_hz if enough else 0.0
@@ -118,9 +131,10 @@ class _Channels:
         # A sine as window makes half the difference of the bins before and after each.
         sine = np.sin(np.arange(n) * (2.0 * np.pi / n))
         difference = 1j * fft.rfft(self.reference[:n] * sine)[bins]
-        response = fft.rfft(self.response[:n] * hann(n))[bins]
-        reference = motion.reference, difference
-        phases = Phases.between(reference, response, motion.hz, self.rate_hz / n)
+        reference, response = (
+            fft.rfft(channel[:n] * hann(n))[bins] for channel in (self.reference, self.response)
+        )
+        phases = Phases.between((reference, difference), response, motion.hz, self.rate_hz / n)
         return agreed_delay(phases, n / self.rate_hz, float(motion.hz[-1]))
 
 
@@ -132,11 +146,12 @@ class _Motion(NamedTuple):
         band: bins that hold all of the motion at any ratio of the clocks.
         bins: those with motion, shape (K,).
         hz: their frequencies, shape (K,).
-        reference: the reference there, shape (K,).
+        reference: the reference there, without a window, at the bins of the window about each,
+            shape (window, K).
     """
 
     samples: int
-    band: slice
+    band: NDArray[np.int_]
     bins: NDArray[np.int_]
     hz: FloatArray
     reference: ComplexArray
@@ -146,8 +161,8 @@ class _BandResponse(NamedTuple):
     """Response of a record at the bins where there is motion.
 
     Attributes:
-        response: shape (K,).
-        total: power of the response in the whole band.
+        response: without a window, at the bins of the window about each, shape (window, K).
+        total: power of the windowed response in the whole band.
     """
 
     response: ComplexArray
@@ -157,29 +172,38 @@ class _BandResponse(NamedTuple):
 def _delay_samples(motion: _Motion, response: ComplexArray) -> int:
     """Return the delay of the impulse response's peak, 0 where a sensor's poles may explain it."""
     n = motion.samples
-    x = motion.reference
+    x, y = (WINDOW_BINS @ lines for lines in (motion.reference, response))
     ratio = np.zeros(n // 2 + 1, dtype=complex)
     power = power_of(x)
-    ratio[motion.bins] = response * np.conj(x) / (power + POWER_FLOOR * np.max(power))
+    ratio[motion.bins] = y * np.conj(x) / (power + POWER_FLOOR * np.max(power))
     peak = int(np.argmax(np.abs(fft.irfft(ratio, n))))
     peak = peak if peak < n // 2 else peak - n
     return peak if abs(peak) >= MIN_DELAY_SAMPLES else 0
+
+
+def _neighbours(lines: ComplexArray, bins: NDArray[np.int_]) -> ComplexArray:
+    """Return the lines of a transform at the bins of the window about some, shape (window, K)."""
+    return lines[bins + np.arange(-WINDOW_REACH, WINDOW_REACH + 1)[:, None]]
 
 
 class _Basis(NamedTuple):
     """Powers of the frequencies of all bins with motion.
 
     Attributes:
-        hz: the frequencies, shape (K,).
         powers: of jω over the highest, shape (orders, K).
+        derivatives: weights of the window's bins in each derivative, shape (orders, window, K).
         poles: order of the denominator.
         zeros: order of the numerator.
     """
 
-    hz: FloatArray
     powers: ComplexArray
+    derivatives: ComplexArray
     poles: int
     zeros: int
+
+    def of(self, lines: ComplexArray, order: int) -> ComplexArray:
+        """Return derivatives under the window, to an order, shape (order + 1, K)."""
+        return np.einsum("dwk,wk->dk", self.derivatives[: order + 1], lines)
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,30 +259,43 @@ class ClockSearch:
         many peaks, and a wrong delay must not pass for two clocks. Below ``enough`` it is not
         sought any lower.
         """
-        responses = [channels.response_at(offset, samples) for channels in self.driven]
+        responses = self._responses_at(offset, samples)
         longest = max(range(len(responses)), key=lambda row: len(responses[row].response))
         delay_s = 0.0
         if self.delayed:
             delay_s = self.driven[longest].delay_s(responses[longest].response, samples)
-        fraction = self._unexplained_at(responses, samples, delay_s, enough)
+        if delay_s:
+            responses = self._responses_at(offset, samples, delay_s)
+        fraction = self._unexplained_by(responses, samples, enough)
         if offset != 0.0 or not self.delayed or fraction < FIRST_ORDER:
             return fraction
         delay_s = self.driven[longest].agreed_delay_s(samples)
-        return min(fraction, self._unexplained_at(responses, samples, delay_s, enough))
+        responses = self._responses_at(offset, samples, delay_s)
+        return min(fraction, self._unexplained_by(responses, samples, enough))
 
-    def _unexplained_at(
-        self, responses: Sequence[_BandResponse], samples: int, delay_s: float, enough: float
+    def _responses_at(
+        self, offset: float, samples: int, delay_s: float = 0.0
+    ) -> list[_BandResponse]:
+        """Return the responses of all records."""
+        return [channels.response_at(offset, samples, delay_s) for channels in self.driven]
+
+    def _unexplained_by(
+        self, responses: Sequence[_BandResponse], samples: int, enough: float
     ) -> float:
-        """Return the unexplained fraction at a common delay, or one below ``enough``."""
+        """Return the fraction of responses that is unexplained, or one below ``enough``."""
         basis = self._basis(samples)
         sizes = [np.sqrt(measured.total) for measured in responses]
         references = [channels.motion(samples).reference for channels in self.driven]
-        motion = np.concatenate([x / size for x, size in zip(references, sizes, strict=True)])
-        response = np.concatenate(
-            [measured.response / size for measured, size in zip(responses, sizes, strict=True)]
+        motion_lines = np.concatenate(
+            [x / size for x, size in zip(references, sizes, strict=True)], axis=1
         )
-        response = response * np.exp(2j * np.pi * delay_s * basis.hz)
-        power = float(np.sum(power_of(response)))
+        response_lines = np.concatenate(
+            [measured.response / size for measured, size in zip(responses, sizes, strict=True)],
+            axis=1,
+        )
+        motion = basis.of(motion_lines, basis.zeros)
+        response = basis.of(response_lines, basis.poles)
+        power = float(np.sum(power_of(response[0])))
         residual = _residual_power(basis, motion, response, power - (1.0 - enough) * len(responses))
         return max(1.0 - (power - residual) / len(responses), np.finfo(float).tiny)
 
@@ -268,12 +305,28 @@ class ClockSearch:
         The orders are limited to those that the number of tones determines.
         """
         if samples not in self._bases:
-            hz = np.concatenate([channels.motion(samples).hz for channels in self.driven])
+            motions = [channels.motion(samples) for channels in self.driven]
+            steps_hz = [
+                channels.rate_hz / motion.samples
+                for channels, motion in zip(self.driven, motions, strict=True)
+            ]
+            reach = np.arange(-WINDOW_REACH, WINDOW_REACH + 1)[:, None]
+            hz = np.concatenate([motion.hz for motion in motions])
+            hz_about = np.concatenate(
+                [
+                    motion.hz + step_hz * reach
+                    for motion, step_hz in zip(motions, steps_hz, strict=True)
+                ],
+                axis=1,
+            )
             tones = len(hz) // LOBE_BINS
             poles = int(np.clip(tones - 1, 0, self.poles))
             zeros = min(tones, self.zeros)
-            powers = (1j * hz / hz.max()) ** np.arange(max(poles, zeros) + 1)[:, None]
-            self._bases[samples] = _Basis(hz, powers, poles, zeros)
+            orders = np.arange(max(poles, zeros) + 1)
+            powers = (1j * hz / hz.max()) ** orders[:, None]
+            derivatives = (1j * hz_about / hz.max()) ** orders[:, None, None]
+            derivatives *= WINDOW_BINS[:, None]
+            self._bases[samples] = _Basis(powers, derivatives, poles, zeros)
         return self._bases[samples]
 
     @functools.cached_property
@@ -288,14 +341,14 @@ class ClockSearch:
 
         Args:
             offset: middle of the valley.
-            width: half its width.
+            width: half its width; no clock is off by more than MAX_OFFSET.
             samples: first samples that are used.
         """
-        low = offset - width
-        high = offset + width
+        low = max(offset - width, -MAX_OFFSET)
+        high = min(offset + width, MAX_OFFSET)
         places = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)]
         unexplained = [self.unexplained(place, samples) for place in places]
-        while high - low > PRECISION * width:
+        while high - low > PRECISION * min(width, MAX_OFFSET):
             lower, upper = places
             if unexplained[0] < unexplained[1]:
                 high = upper
@@ -321,23 +374,27 @@ def _residual_power(
 
     With more poles than the sensor has, later fits may be worse: a pole and a zero that cancel may
     lie anywhere.
+
+    Args:
+        basis: of the bins.
+        motion: its derivatives under the window, shape (zeros + 1, K).
+        response: likewise, shape (poles + 1, K).
+        enough: power.
     """
     pole_powers = basis.powers[1 : basis.poles + 1]
-    zero_powers = basis.powers[: basis.zeros + 1]
-    denominator = np.ones(len(motion), dtype=complex)
-    rows = np.concatenate([pole_powers * response, -zero_powers * motion])
+    denominator = np.ones(response.shape[1], dtype=complex)
+    rows = np.concatenate([response[1:], -motion])
     least = np.inf
     for _ in range(ITERATIONS):
         weight = 1.0 / denominator
         columns = (rows * weight).view(float)
         gram = columns @ columns.T
         size = np.maximum(np.sqrt(np.diag(gram)), np.finfo(float).tiny)
-        right_side = columns @ (response * weight).view(float) / size
+        right_side = columns @ (response[0] * weight).view(float) / size
         solution, *_ = np.linalg.lstsq(gram / size[:, None] / size, right_side, rcond=1e-11)
         factors = -solution / size
         denominator = 1.0 + factors[: basis.poles] @ pole_powers
-        numerator = factors[basis.poles :] @ zero_powers
-        residual = response - numerator / denominator * motion
+        residual = (response[0] + factors @ rows) / denominator
         least = min(least, float(np.sum(power_of(residual))))
         if least < enough:
             break

@@ -34,7 +34,7 @@ MIN_PROBABILITY = 1e-6
 #: A response that is incoherent over more powers than this is no ringing within some bins.
 MAX_RINGING_FREEDOM = 100.0
 #: A sensor that changes leaves as much incoherent with the motion as its best model leaves
-#: unexplained. Where more than half of that is coherent, no change and no clock makes it half.
+#: unexplained. Where more than half of that is coherent, no change makes it half.
 MIN_INCOHERENT_MISFIT = 0.5
 
 
@@ -80,12 +80,17 @@ class Shares:
 
     @property
     def is_of_steady_sensor(self) -> bool:
-        """Return whether a steady sensor and one clock can explain what the model leaves.
+        """Return whether a steady sensor can explain what the model leaves.
 
         Less than MIN_INCOHERENT_MISFIT of it is incoherent then. This holds for stationary motion;
         a sweep shows each frequency at another time, so that any change looks coherent.
         """
-        return 1.0 - self.coherent < MIN_INCOHERENT_MISFIT * (1.0 - self.explained)
+        return self.incoherent_misfit < MIN_INCOHERENT_MISFIT
+
+    @property
+    def incoherent_misfit(self) -> float:
+        """Return the share of what the model leaves that no steady sensor explains."""
+        return (1.0 - self.coherent) / max(1.0 - self.explained, np.finfo(float).tiny)
 
     def __str__(self) -> str:
         """Return the sentence on a model that explains too little."""
