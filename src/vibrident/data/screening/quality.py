@@ -382,9 +382,9 @@ def _find_wild_samples(
     """
     wild = {label: channel.wild.copy() for label, channel in channels.items()}
     if len(wild) == 2 and any(flags.any() for flags in wild.values()):
-        # Its treads may look wild, or wild samples may hide its stairs. It does not go on.
-        used = record.reference_mask, ~channels["reference"].wild
-        is_in_stairs = any(_is_in_stairs(record, samples) for samples in used)
+        # A tread of stairs may look wild, and beside wild samples anything looks like stairs.
+        may_be_in_stairs = _is_in_stairs(record, record.reference_mask)
+        is_in_stairs = _is_in_stairs(record, ~channels["reference"].wild)
         is_linear = record.excitation in LINEAR and not is_in_stairs
         predictions = PredictedResponse.all_from_channels(**channels)
         for label, other_channel in zip(wild, [*channels.values()][::-1], strict=True):
@@ -401,7 +401,9 @@ def _find_wild_samples(
                 )
                 at_an_end = first == 0 or end == record.samples
                 is_tread = (
-                    label == "reference" and is_in_stairs and end - first > MAX_SHORT_RUN_SAMPLES
+                    label == "reference"
+                    and may_be_in_stairs
+                    and end - first > MAX_SHORT_RUN_SAMPLES
                 )
                 if (
                     is_shock
