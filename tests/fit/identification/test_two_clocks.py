@@ -171,3 +171,13 @@ def test_few_periods_are_not_read_at_impossible_clocks():
     response = 1e-3 * np.cos(2 * np.pi * 1.3 * time) + rng.standard_normal(time.size)
     pair = Calibration.from_arrays(reference, response, RATE_HZ, quantity="displacement")
     assert abs(nearby_offset(pair.records, 2, 0, delayed=False)) <= 2 * MAX_OFFSET
+
+
+@pytest.mark.parametrize("samples", [8, 9, 10, 12, 19, 40])
+@pytest.mark.parametrize("still", [False, True])
+def test_short_and_still_records_have_one_clock(samples, still, rng):
+    """A single step after the first samples has no bin that moves in them."""
+    reference = np.zeros(samples) if still else rng.standard_normal(samples)
+    records = (Record("r", reference, rng.standard_normal(samples), RATE_HZ, "random"),)
+    assert abs(clock_offset(records)) <= MAX_OFFSET
+    assert abs(nearby_offset(records, 2, 2, delayed=True)) <= MAX_OFFSET

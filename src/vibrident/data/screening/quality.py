@@ -184,13 +184,14 @@ class _RecordScreening:
                 self._mask_clipped_samples(label, full_scale)
                 self._mask_lost_samples(label)
         self._mask_copied_blocks()
+        channels: dict[str, PredictedChannel] = {}
         for longest in _longest_runs(self.record):
+            if longest > MAX_RUN_SAMPLES and not _has_longer_events(channels.values()):
+                break
             channels = {
                 label: PredictedChannel.from_samples(samples, longest)
                 for label, samples in self._channel_samples().items()
             }
-            if longest > MAX_RUN_SAMPLES and not _has_longer_events(channels.values()):
-                break
             for label, is_wild in reversed(_find_wild_samples(self.record, channels).items()):
                 observation = _wild_observation(self.record, label, is_wild)
                 self._mask(label, is_wild, "dead_channel", observation, f"{label} wild")
@@ -229,11 +230,11 @@ class _RecordScreening:
         self.record = exclude(excluded, reason)
 
     def _mask_clipped_samples(self, label: str, full_scale: float | None) -> None:
-        # The highest tread of stairs is no rail, nor the level at which the sensor rests on it.
-        if full_scale is None and _is_in_stairs(self.record, self.record.reference_mask):
-            return
         is_clipped, rails = find_clipped(self._channel_samples()[label], full_scale)
-        if is_clipped.any():
+        # The highest tread of stairs is no rail, nor the level at which the sensor rests on it.
+        if is_clipped.any() and (
+            full_scale is not None or not _is_in_stairs(self.record, self.record.reference_mask)
+        ):
             unit = self._units.get(label, "1")
             description = "clipped at " + " and ".join(amount(level, unit, 6) for level in rails)
             observation = f"the {label} channel is {description}"

@@ -191,10 +191,10 @@ class PredictedChannel:
         """Return the usual size of the errors around samples, in standard deviations; 1 or more."""
         # Wild samples disturb less than a third of these.
         reach = NEIGHBOURS + 2 * self.max_run_samples
-        around = sliding_window_view(
-            np.pad(np.abs(self.errors), reach, mode="reflect"), 2 * reach + 1
-        )
-        return np.maximum(np.median(around[index], axis=1) / MEDIAN_OF_NORMAL, 1.0)
+        last = self.errors.size - 1
+        around = np.abs(index[:, None] + np.arange(-reach, reach + 1)) % (2 * last)
+        size = np.abs(self.errors[last - np.abs(last - around)])  # mirrored at the ends
+        return np.maximum(np.median(size, axis=1) / MEDIAN_OF_NORMAL, 1.0)
 
     @functools.cached_property
     def events(self) -> tuple[ChannelEvent, ...]:

@@ -94,9 +94,10 @@ class _Channels:
         if samples not in self._motions:
             n = min(samples, self.samples)
             reference = fft.rfft(self.reference[:n])
-            usable = np.arange(WINDOW_REACH + 1, int(USABLE_BAND * n) + 1)
+            highest = min(int(USABLE_BAND * n), n // 2 - WINDOW_REACH)
+            usable = np.arange(WINDOW_REACH + 1, highest + 1)
             power = power_of(WINDOW_BINS @ _neighbours(reference, usable))
-            bins = usable[power > MIN_POWER * np.max(power)]
+            bins = usable[power >= MIN_POWER * np.max(power)]
             first = max(int(bins[0] * (1.0 - MAX_OFFSET)) - 2, WINDOW_REACH)
             last = min(int(bins[-1] * (1.0 + MAX_OFFSET)) + 3, n // 2 + 1 - WINDOW_REACH)
             hz = np.asarray(bins * (self.rate_hz / n), dtype=float)
@@ -191,19 +192,23 @@ class _Basis(NamedTuple):
 
     Attributes:
         powers: of jω over the highest, shape (orders, K).
-        derivatives: weights of the window's bins in each derivative, shape (orders, window, K).
+        about: frequencies of the bins of the window about each, over the highest, (window, K).
         poles: order of the denominator.
         zeros: order of the numerator.
     """
 
     powers: ComplexArray
-    derivatives: ComplexArray
+    about: FloatArray
     poles: int
     zeros: int
 
-    def of(self, lines: ComplexArray, order: int) -> ComplexArray:
+    def derivatives(self, lines: ComplexArray, order: int) -> ComplexArray:
         """Return derivatives under the window, to an order, shape (order + 1, K)."""
-        return np.einsum("dwk,wk->dk", self.derivatives[: order + 1], lines)
+        rows = np.empty((order + 1, lines.shape[1]), dtype=complex)
+        for number, row in enumerate(rows):
+            np.matmul(WINDOW_BINS * 1j**number, lines, out=row)
+            lines = lines * self.about
+        return rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,8 +234,12 @@ class ClockSearch:
     def from_records(
         cls, records: Sequence[Record], poles: int, zeros: int, *, delayed: bool
     ) -> ClockSearch:
-        """Build the search in the records that have a reference."""
-        driven = tuple(_Channels.from_record(r) for r in records if r.reference is not None)
+        """Build the search in the records that have a reference and a bin with its window."""
+        driven = tuple(
+            _Channels.from_record(record)
+            for record in records
+            if record.reference is not None and record.samples >= 2 * len(WINDOW_BINS)
+        )
         return cls(driven, poles, zeros, delayed)
 
     def begin(self) -> int:
@@ -260,18 +269,20 @@ class ClockSearch:
         sought any lower.
         """
         responses = self._responses_at(offset, samples)
+        fraction = np.inf
+        if offset == 0.0 or not self.delayed:
+            fraction = self._unexplained_by(responses, samples, enough)
+            if not self.delayed or fraction < FIRST_ORDER:
+                return fraction
         longest = max(range(len(responses)), key=lambda row: len(responses[row].response))
-        delay_s = 0.0
-        if self.delayed:
-            delay_s = self.driven[longest].delay_s(responses[longest].response, samples)
-        if delay_s:
-            responses = self._responses_at(offset, samples, delay_s)
-        fraction = self._unexplained_by(responses, samples, enough)
-        if offset != 0.0 or not self.delayed or fraction < FIRST_ORDER:
-            return fraction
-        delay_s = self.driven[longest].agreed_delay_s(samples)
-        responses = self._responses_at(offset, samples, delay_s)
-        return min(fraction, self._unexplained_by(responses, samples, enough))
+        channels = self.driven[longest]
+        delays_s = [channels.delay_s(responses[longest].response, samples)]
+        if offset == 0.0:
+            delays_s.append(channels.agreed_delay_s(samples))
+        for delay_s in delays_s:
+            late = self._responses_at(offset, samples, delay_s) if delay_s else responses
+            fraction = min(fraction, self._unexplained_by(late, samples, enough))
+        return fraction
 
     def _responses_at(
         self, offset: float, samples: int, delay_s: float = 0.0
@@ -293,8 +304,8 @@ class ClockSearch:
             [measured.response / size for measured, size in zip(responses, sizes, strict=True)],
             axis=1,
         )
-        motion = basis.of(motion_lines, basis.zeros)
-        response = basis.of(response_lines, basis.poles)
+        motion = basis.derivatives(motion_lines, basis.zeros)
+        response = basis.derivatives(response_lines, basis.poles)
         power = float(np.sum(power_of(response[0])))
         residual = _residual_power(basis, motion, response, power - (1.0 - enough) * len(responses))
         return max(1.0 - (power - residual) / len(responses), np.finfo(float).tiny)
@@ -322,11 +333,8 @@ class ClockSearch:
             tones = len(hz) // LOBE_BINS
             poles = int(np.clip(tones - 1, 0, self.poles))
             zeros = min(tones, self.zeros)
-            orders = np.arange(max(poles, zeros) + 1)
-            powers = (1j * hz / hz.max()) ** orders[:, None]
-            derivatives = (1j * hz_about / hz.max()) ** orders[:, None, None]
-            derivatives *= WINDOW_BINS[:, None]
-            self._bases[samples] = _Basis(powers, derivatives, poles, zeros)
+            powers = np.vander(1j * hz / hz.max(), max(poles, zeros) + 1, increasing=True).T
+            self._bases[samples] = _Basis(powers, hz_about / hz.max(), poles, zeros)
         return self._bases[samples]
 
     @functools.cached_property
