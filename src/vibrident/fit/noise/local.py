@@ -30,8 +30,6 @@ from vibrident.fit.response.transform import power_of
 MAX_CHANCE_OF_MOTION = 1e-3
 #: A sensor rings where its motion decays by at least e^{-2πγ} over a record; a tone does not decay.
 MIN_DECAY_BINS = 0.5
-#: A sensor that rings does so over more periods of a record.
-MIN_PERIODS = 2.0
 #: A resonance is narrower than this fraction of a block.
 MAX_RESONANCE_WIDTH = 0.5
 #: Blocks on either side that a level is averaged over.
@@ -241,9 +239,7 @@ class SmoothColumns:
         # A response that comes late turns with frequency as beside a pole far from the bins.
         ringing &= (np.abs(pole.real) < 1.0) & (pole.imag < MAX_RESONANCE_WIDTH)
         ringing &= decay_bins > MIN_DECAY_BINS
-        # An offset between the ends of a record is a pole at zero frequency.
-        pole_bin = 1.0 + 0.5 * (width - 1) * (pole.real[:, 0] + 1.0)
-        ringing[:, 0] &= pole_bin > MIN_PERIODS
+        ringing[:, 0] = False  # an offset between the ends of a record is a pole at zero frequency
         return self.share * least / freedom, ringing
 
 
