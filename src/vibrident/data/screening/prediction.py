@@ -126,11 +126,16 @@ class PredictionSamples:
         deviation = float(np.std(weights @ windows))
         return LinearPrediction(weights[::-1], max(deviation, np.finfo(float).eps))
 
-    def without_worst(self, prediction: LinearPrediction) -> PredictionSamples:
+    def without_worst(self, prediction: LinearPrediction, *, both_sides: bool) -> PredictionSamples:
         """Return the samples without those that a wild sample, where errors are large, predicts.
 
         Returns all samples if no error is large, or if more than half would go: half may lie at
         rest, which says nothing about the motion.
+
+        Args:
+            prediction: of all samples.
+            both_sides: whether those before it go, too: of a motion that rests mostly, large errors
+                are where it moves.
         """
         size = np.abs(prediction.taps[::-1] @ self.windows)
         usual = float(np.median(size[self.clean])) / MEDIAN_OF_NORMAL
@@ -138,7 +143,11 @@ class PredictionSamples:
         if not is_large.any():
             return self
         half = ORDER // 2
-        after = np.pad(extend_flags(is_large, half), (half, 0))[: is_large.size]
-        clean = self.clean & ~after
+        spoilt = (
+            extend_flags(is_large, ORDER)
+            if both_sides
+            else np.pad(extend_flags(is_large, half), (half, 0))[: is_large.size]
+        )
+        clean = self.clean & ~spoilt
         is_enough = np.sum(clean) > 0.5 * np.sum(self.clean)
         return PredictionSamples(self.windows, clean) if is_enough else self

@@ -123,9 +123,8 @@ def band_factors(
     variance_limit = (
         0.5 * bins.count * band_sums(np.broadcast_to(least, last), edges) / np.diff(edges)
     )
-    variance_limit = np.maximum(variance_limit, MIN_RELATIVE_DEVIATION**2 * strongest) / np.maximum(
-        power, 1e-300
-    )
+    variance_limit = np.maximum(variance_limit, MIN_RELATIVE_DEVIATION**2 * strongest)
+    variance_limit /= np.where(shows, power, 1.0)
     variance_raised = np.maximum(variance * power_ratio, variance_limit)
     squares *= variance / variance_raised
     place = moment / np.maximum(power, 1e-300)
