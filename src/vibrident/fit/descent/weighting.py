@@ -129,6 +129,7 @@ def read_weighting(
             fitted=fitted,
             unfitted=in_all_bins.unfitted,
             free_motion=_narrow_free_motion(place),
+            tones=(group.grid.tones,) * len(residual),
         )
         if group.grid.driven:
             reference = group.inputs[:, 0]

@@ -74,10 +74,12 @@ class Fitted:
     def anew(self, evidence: Evidence, start: Mapping[str, float] | None = None) -> Fitted:
         """Return the same estimator's fit of other data.
 
-        ``start``: parameters to start from; None takes those of this fit.
+        ``start``: parameters to start from; None takes those of this fit, and of empty ones the
+        start is sought.
         """
         values = self.values if start is None else dict(start)
-        refit = Fitted.from_evidence(replace(evidence, start=values), self.estimator, self.progress)
+        begun = replace(evidence, start=values or None)
+        refit = Fitted.from_evidence(begun, self.estimator, self.progress)
         return replace(
             refit,
             evidence=evidence,

@@ -45,7 +45,8 @@ def at_one_clock(fitted: Fitted) -> Fitted:
         fitted = replace(fitted, departures=departures_of(fitted))
         if fitted.adequate and not departure_names(fitted) & {CLOCKS.name, CHANGE}:
             return fitted
-    nearby = 0.0 if known or fitted.adequate else _distance_to_nearby(fitted)
+    is_rejected = not fitted.adequate and fitted.judgement.adequacy.degrees_of_freedom > 0
+    nearby = _distance_to_nearby(fitted) if is_rejected and not known else 0.0
     if not known and nearby == 0.0 and _is_stationary(fitted):
         shares = fitted.judgement.shares
         least = MIN_INCOHERENT_MISFIT * _incoherent_share(fitted)
@@ -62,8 +63,7 @@ def at_one_clock(fitted: Fitted) -> Fitted:
     if not known:
         return _with_statement(best, offset, u) if has_offset else fitted
     # Of ringing alone, two clocks and another natural frequency are one: one clock suffices there.
-    # What fits at a wrong clock is no start at the right one.
-    at_no_offset = _fit_at_offset(best, 0.0, from_best=False)
+    at_no_offset = _fit_at_one_clock(best)
     may_state = math.isfinite(u) and not best.judgement.shares.lacking
     if at_no_offset is None:
         return _with_statement(best, offset, u) if may_state else fitted
@@ -134,9 +134,7 @@ def _settle_offset(fitted: Fitted, known: bool, nearby: float) -> tuple[Fitted, 
 
 def _improved(fitted: Fitted, change: float) -> Fitted | None:
     """Return the fit at an ε larger by ``change``, or None where it explains no more."""
-    # The parameters of a rejected fit stand in for ε.
-    offset = fitted.evidence.clock_offset + change
-    candidate = _fit_at_offset(fitted, offset, from_best=fitted.adequate)
+    candidate = _fit_at_offset(fitted, fitted.evidence.clock_offset + change)
     if candidate is None or candidate.adequate:
         return candidate
     # χ² may rise where the misfit falls, as the noise beside it does.
@@ -147,16 +145,27 @@ def _improved(fitted: Fitted, change: float) -> Fitted | None:
     return candidate if falls else None
 
 
-def _fit_at_offset(fitted: Fitted, offset: float, *, from_best: bool) -> Fitted | None:
+def _fit_at_offset(fitted: Fitted, offset: float) -> Fitted | None:
     """Return the fit at another ε, or None where none converges, or no clock is so far off.
 
-    ``from_best``: whether to start from the parameters of a fit.
+    A rejected fit is no start: its parameters stand in for ε.
     """
     if abs(offset) > MAX_OFFSET:
         return None
     try:
         evidence = fitted.evidence.at_clock(offset)
-        return fitted.anew(evidence) if from_best else fitted.once(evidence)
+        return fitted.anew(evidence) if fitted.adequate else fitted.once(evidence)
+    except VibridentError:
+        return None
+
+
+def _fit_at_one_clock(fitted: Fitted) -> Fitted | None:
+    """Return the fit at ε = 0, or None where none converges.
+
+    What fits at a wrong clock is no start at the right one.
+    """
+    try:
+        return fitted.anew(fitted.evidence.at_clock(0.0), start={})
     except VibridentError:
         return None
 

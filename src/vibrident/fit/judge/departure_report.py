@@ -69,8 +69,7 @@ def with_nuisances(fitted: Fitted) -> tuple[Record, ...]:
     A record that has them all already is returned itself.
     """
     records = fitted.evidence.records
-    # A fit in the noise of its residual has its tones already.
-    if records and fitted.evidence.model.is_linear and fitted.estimate.in_noise is None:
+    if records and fitted.evidence.model.is_linear:
         known_hum = tuple(record.hum_hz for record in records)
         tones = hum_tones(records, fitted.judgement.predicted, known_hum)
         if lacking(tones, fitted.estimate.findings.hum_hz or known_hum, records):

@@ -22,8 +22,9 @@ MAX_SMALL_CHI2 = 1.5
 def with_remedy(fitted: Fitted) -> Fitted:
     """Return the fit, its judgement with the model that explains what its own does not, if any.
 
-    Models are tried at the excited frequencies, from the values of the present one, and the likely
-    ones by one fit of the records from there.
+    Where that is an extension of the fit's own, which explains as much from its values, the fit is
+    the one from there. Models are tried at the excited frequencies, from the values of the present
+    one, and the likely ones by one fit of the records from there.
     """
     evidence = fitted.evidence
     judgement = fitted.judgement
@@ -36,6 +37,9 @@ def with_remedy(fitted: Fitted) -> Fitted:
         except VibridentError:
             continue
         if better.adequate:
+            nested = _nested(fitted, better)
+            if nested is not None:
+                return nested
             chi2 = better.judgement.adequacy.chi2_reduced or 0.0
             text = f"The model {candidate.name} explains them (χ²/dof = {plain(chi2, 3)})."
             judgement = replace(
@@ -46,6 +50,21 @@ def with_remedy(fitted: Fitted) -> Fitted:
             )
             return replace(fitted, judgement=judgement)
     return fitted
+
+
+def _nested(fitted: Fitted, better: Fitted) -> Fitted | None:
+    """Return the fit from the values of an extended model, or None where it is rejected, too.
+
+    Where what the other model has in addition is zero, the fit had ended at a wrong place.
+    """
+    if not set(fitted.values) < set(better.values):
+        return None
+    start = {name: better.values[name] for name in fitted.values}
+    try:
+        nested = fitted.once(replace(fitted.evidence, start=start))
+    except VibridentError:
+        return None
+    return replace(nested, evidence=fitted.evidence) if nested.adequate else None
 
 
 def _may_lack_model(fitted: Fitted) -> bool:

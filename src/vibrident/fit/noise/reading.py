@@ -141,7 +141,7 @@ def _read(rows: Residuals, last: int, colour: FloatArray | float) -> GroupNoise:
     hum = relative > OUTSTANDING_RATIO * smooth
     hum &= ~lines
     psd = shape * smooth
-    tones = tones_of(rows.residual, incoherent.noise, psd * count, lines)
+    tones = tones_of(rows.residual, incoherent.noise, psd * count, lines, rows.tones or ())
     np.multiply(shape, relative, out=psd, where=hum)
     np.maximum(psd, rows.floor[:, None], out=psd)
     excited = np.ones(psd.shape)

@@ -30,6 +30,7 @@ class Residuals:
             K); None: all of it.
         free_motion: columns that are fitted beside what is coherent with the motion, as a misfit
             rings on, shape (R, n, K); None: none.
+        tones: places of the tones that were fitted to each record, in bins; None: none.
     """
 
     residual: ComplexArray
@@ -44,6 +45,7 @@ class Residuals:
     fitted: FloatArray | None = None
     unfitted: FloatArray | None = None
     free_motion: ComplexArray | None = None
+    tones: tuple[tuple[float, ...], ...] | None = None
 
     def records(self, rows: slice) -> Residuals:
         """Return the residuals of some of the records."""

@@ -18,6 +18,8 @@ from vibrident.fit.response.verdict import REJECTION, as_chi2
 TONE_RATIO = 25.0
 #: Most tones of a record.
 MAX_TONES = 16
+#: Orders of the harmonics of the mains that are looked for.
+HARMONICS = (2, 3, 4, 5)
 #: Tones nearer than so many bins are one: a record of this length cannot separate nearer ones.
 MIN_DISTANCE_BINS = 1.0
 #: A known tone stays where it is this near: of a phase that turns by ±πδ over the record, its
@@ -30,18 +32,23 @@ MAX_TONE_DISTANCE = 4
 
 
 def tones_of(
-    residual: ComplexArray, noise: ComplexArray, level: FloatArray, moved: BoolArray
+    residual: ComplexArray,
+    noise: ComplexArray,
+    level: FloatArray,
+    moved: BoolArray,
+    known: Sequence[tuple[float, ...]] = (),
 ) -> tuple[tuple[float, ...], ...]:
-    """Return the places, in bins, of tones: of strong ones, and of weak ones that all records have.
+    """Return the places, in bins, of tones so strong that their leakage hides others.
 
-    The leakage of the strong ones hides others; all records together show the weak ones, which in
-    each alone might be chance.
+    Weak harmonics of tones that most of several records have are added: all records together show
+    them, though in each alone they might be chance.
 
     Args:
         residual: shape (R, K).
         noise: its component that is locally incoherent with the motion, shape (R, K).
         level: power of noise around, shape (R, K).
         moved: lines of the motion, shape (R, K).
+        known: tones of each record that are fitted already; empty: none.
 
     Returns:
         Of each record, the strongest first.
@@ -58,37 +65,43 @@ def tones_of(
         tops = np.flatnonzero(peaks) + 1
         tops = tops[np.argsort(-power[tops])][:MAX_TONES]
         places[record] = tuple((tops + 1 + _offsets(power, tops)).tolist())
-    shared = _shared_tones(residual, noise, level, moved) if len(residual) > 1 else ()
-    return tuple(with_tones(of_record, shared) for of_record in places)
+    pairs = zip(known or [()] * len(places), places, strict=True)
+    fundamentals = common_tones([(*fitted, *new) for fitted, new in pairs], [1.0] * len(places))
+    if not fundamentals:
+        return tuple(places)
+    ratio = np.minimum(power_of(residual), power_of(noise)) / np.maximum(level, MIN_POWER)
+    harmonics = _weak_harmonics(ratio, fundamentals, moved)
+    return tuple(with_tones(of_record, harmonics) for of_record in places)
 
 
-def _shared_tones(
-    residual: ComplexArray, noise: ComplexArray, level: FloatArray, moved: BoolArray
+def _weak_harmonics(
+    ratio: FloatArray, fundamentals: Sequence[float], moved: BoolArray
 ) -> tuple[float, ...]:
-    """Return the places, in bins, of tones that the records show together, the strongest first.
+    """Return the places, in bins, of harmonics of common tones that the records show together.
 
-    All but the one that shows it most must exceed the chance of noise, which some bin does in one
-    of a thousand groups (Bonferroni).
+    All records but the one that shows a harmonic most must exceed the chance of noise, which some
+    harmonic does in one of a thousand groups (Bonferroni). Elsewhere a misfit of all records would
+    pass for a tone.
+
+    Args:
+        ratio: power over that of noise around, shape (R, K).
+        fundamentals: places of the tones, in bins.
+        moved: lines of the motion, shape (R, K).
     """
-    records, bins = residual.shape
-    ratio = np.minimum(power_of(residual), power_of(noise))
-    ratio /= np.maximum(level, MIN_POWER)
-    ratio[moved] = 0.0
-    mean_ratio = np.mean(ratio, axis=0)
-    inner = mean_ratio[2:-2]
-    tops = np.flatnonzero((inner >= mean_ratio[1:-3]) & (inner > mean_ratio[3:-1])) + 2
-    tops = tops[np.argsort(-mean_ratio[tops])][:MAX_TONES]
+    records, bins = ratio.shape
     freedom = np.full(records - 1, 4.0 * (averaged_bins(bins) - NEAREST_BINS))
-    places: list[float] = []
-    for top in tops.tolist():
-        weaker = np.sort(ratio[:, top])[:-1]
+    multiples = [
+        order * place for place in fundamentals for order in HARMONICS if order * place < bins - 1
+    ]
+    harmonics: list[float] = []
+    for place in multiples:
+        near = [int(place), int(place) + 1]
+        top = near[int(np.argmax(np.mean(ratio[:, near], axis=0)))]
+        weaker = np.sort(np.where(moved[:, top], 0.0, ratio[:, top]))[:-1]
         chi2 = float(np.sum(as_chi2(2.0 * weaker, freedom)))
-        if bins * chi2_tail(2 * len(weaker), chi2) > REJECTION:
-            break
-        near = slice(top - 2, top + 3)
-        power = np.mean(power_of(windowed(residual[:, near])) / level[:, top, None], axis=0)
-        places.append(top + float(_offsets(power, np.array([1]))[0]))
-    return with_tones((), tuple(places))
+        if 2 * len(multiples) * chi2_tail(2 * len(weaker), chi2) < REJECTION:
+            harmonics.append(place)
+    return with_tones((), tuple(harmonics))
 
 
 def located(place: float, signal: FloatArray) -> float:

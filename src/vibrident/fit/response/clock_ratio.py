@@ -43,6 +43,8 @@ def clock_offset(records: Sequence[Record]) -> float:
         return 0.0
     longest = max(channels.samples for channels in search.driven)
     samples = search.begin()
+    if search.valley(max(longest, samples)) > MAX_OFFSET:  # too few periods to tell the ratio by
+        return 0.0
     candidates = np.zeros(1)
     is_near = search.unexplained(0.0, samples) < FIRST_ORDER
     reach = search.valley(samples) if is_near else MAX_OFFSET
