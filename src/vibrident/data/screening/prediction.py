@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -126,7 +127,9 @@ class PredictionSamples:
         deviation = float(np.std(weights @ windows))
         return LinearPrediction(weights[::-1], max(deviation, np.finfo(float).eps))
 
-    def without_worst(self, prediction: LinearPrediction, *, both_sides: bool) -> PredictionSamples:
+    def without_worst(
+        self, prediction: LinearPrediction, rests_mostly: Callable[[], bool]
+    ) -> PredictionSamples:
         """Return the samples without those that a wild sample, where errors are large, predicts.
 
         Returns all samples if no error is large, or if more than half would go: half may lie at
@@ -134,8 +137,8 @@ class PredictionSamples:
 
         Args:
             prediction: of all samples.
-            both_sides: whether those before it go, too: of a motion that rests mostly, large errors
-                are where it moves.
+            rests_mostly: tells whether large errors are where the motion is: then the samples
+                before them go, too.
         """
         size = np.abs(prediction.taps[::-1] @ self.windows)
         usual = float(np.median(size[self.clean])) / MEDIAN_OF_NORMAL
@@ -145,7 +148,7 @@ class PredictionSamples:
         half = ORDER // 2
         spoilt = (
             extend_flags(is_large, ORDER)
-            if both_sides
+            if rests_mostly()
             else np.pad(extend_flags(is_large, half), (half, 0))[: is_large.size]
         )
         clean = self.clean & ~spoilt

@@ -173,7 +173,7 @@ class PredictedChannel:
         samples = PredictionSamples.from_series(self.series, self.has_past)
         prediction = samples.fit()
         for _ in range(REFITS):
-            usual = samples.without_worst(prediction, both_sides=self.is_mostly_at_rest)
+            usual = samples.without_worst(prediction, lambda: self.is_mostly_at_rest)
             if usual is samples:
                 break
             prediction = usual.fit()
