@@ -6,7 +6,8 @@ import pytest
 from bench.adversary.cases import BY_NAME
 from bench.adversary.judge import judged
 
-from vibrident.fit.judge.clocks import _suffices
+from vibrident.fit.judge.clocks import _fit_at_one_clock, _suffices
+from vibrident.fit.uncertainty.explained import UNKNOWN_SHARES
 
 
 def fit(adequate, explained, chi2=1.0):
@@ -36,3 +37,10 @@ def test_where_two_clocks_explain_nothing_the_better_fit_is_kept():
 def test_a_fit_at_a_wrong_clock_is_no_start_at_one_clock():
     """Ringing of a whole record let another clock seem to explain more, and its fit led nowhere at one clock."""
     assert judged(BY_NAME["clean/below-light+delay=300/multisine/16 bit"].trial(115))["class"] == "right"
+
+
+def test_a_fit_that_leaves_nothing_to_compare_is_none_at_one_clock():
+    """Of two clocks 2e-3 apart it was taken for the better one, as adequate as nothing is."""
+    rejected = SimpleNamespace(judgement=SimpleNamespace(shares=UNKNOWN_SHARES))
+    best = SimpleNamespace(evidence=SimpleNamespace(at_clock=lambda _: None), once=lambda _: rejected)
+    assert _fit_at_one_clock(best) is None

@@ -74,12 +74,10 @@ class Fitted:
     def anew(self, evidence: Evidence, start: Mapping[str, float] | None = None) -> Fitted:
         """Return the same estimator's fit of other data.
 
-        ``start``: parameters to start from; None takes those of this fit, and of empty ones the
-        start is sought.
+        ``start``: parameters to start from; None takes those of this fit.
         """
         values = self.values if start is None else dict(start)
-        begun = replace(evidence, start=values or None)
-        refit = Fitted.from_evidence(begun, self.estimator, self.progress)
+        refit = Fitted.from_evidence(replace(evidence, start=values), self.estimator, self.progress)
         return replace(
             refit,
             evidence=evidence,

@@ -160,14 +160,15 @@ def _fit_at_offset(fitted: Fitted, offset: float) -> Fitted | None:
 
 
 def _fit_at_one_clock(fitted: Fitted) -> Fitted | None:
-    """Return the fit at ε = 0, or None where none converges.
+    """Return the fit at ε = 0, or None where none converges to a response that can be compared.
 
     What fits at a wrong clock is no start at the right one.
     """
     try:
-        return fitted.anew(fitted.evidence.at_clock(0.0), start={})
+        candidate = fitted.once(fitted.evidence.at_clock(0.0))
     except VibridentError:
         return None
+    return None if math.isnan(candidate.judgement.shares.explained) else candidate
 
 
 def _distance_to_nearby(fitted: Fitted) -> float:
