@@ -36,10 +36,9 @@ class ChannelClock:
     note: str = ""
     has_unread_times: bool = False  # a column of times that are text, missing or go back
 
-    @classmethod
-    def with_start(cls, clock: ChannelClock, start: StartTime | None) -> ChannelClock:
-        """Return a clock, or its rate from a start where a channel's file states that alone."""
-        return clock if start is None else cls(replace(clock.clock, start=start))
+    def begun_at(self, start: StartTime | None) -> ChannelClock:
+        """Return the rate alone from a start that a channel's file states; None: the clock."""
+        return self if start is None else ChannelClock(replace(self.clock, start=start))
 
     @property
     def is_even(self) -> bool:
@@ -238,11 +237,11 @@ class ClockReader:
         for neighbour in {column - 1, column + 1} & {*range(len(source.names))} - channels:
             if not self._holds_times(source, neighbour, min(channels)):
                 continue
-            line = self._timeline(SourceColumn(source, neighbour, "time_column"), needed=False)
-            later = None if line is None else line.clock.start
-            if start is None or later is None or start.epoch or later.epoch:
+            times = self._timeline(SourceColumn(source, neighbour, "time_column"), needed=False)
+            other_start = None if times is None else times.clock.start
+            if start is None or other_start is None or start.epoch or other_start.epoch:
                 continue
-            apart_s = (later.ns - start.ns) * 1e-9
+            apart_s = (other_start.ns - start.ns) * 1e-9
             if abs(apart_s) > max(_SAME_START / timeline.clock.rate_hz, timeline.rounding_s):
                 raise InputError(
                     "Two time columns side by side state different starts.",

@@ -21,7 +21,7 @@ from vibrident.data.io.calibration_file import (
     ReferenceSection,
     ResponseSection,
 )
-from vibrident.data.io.clocks import ChannelClock, ClockReader
+from vibrident.data.io.clocks import ClockReader
 from vibrident.data.io.columns import ColumnFile, Positions
 from vibrident.data.io.header_units import (
     ChannelConversion,
@@ -305,7 +305,7 @@ def _load_channels(
         ClockedChannel(
             column,
             next(loaded[column.source]),
-            clock or ChannelClock.with_start(default_clock, column.source.start(column.position)),
+            clock or default_clock.begun_at(column.source.start(column.position)),
             first,
         )
         for column, clock in zip(columns, clocks, strict=True)

@@ -189,14 +189,14 @@ def _rounding(times: FloatArray, resolution_s: float) -> float:
 
     Digits are those of the last times, as significant ones round these most.
     """
-    late = times[-_LAST_TIMES:]
-    largest = float(np.max(np.abs(late)))
-    if np.all(late == late.astype(np.float32)):
+    last_times = times[-_LAST_TIMES:]
+    largest = float(np.max(np.abs(last_times)))
+    if np.all(last_times == last_times.astype(np.float32)):
         return float(np.spacing(np.float32(largest)))
     widths = [resolution_s]
     for exponent in range(0, -13, -1):
         width = 10.0**exponent
-        multiples = late / width
+        multiples = last_times / width
         if np.all(np.abs(multiples - np.rint(multiples)) < 1e-3 + 4.0 * resolution_s / width):
             widths.append(width)
             break

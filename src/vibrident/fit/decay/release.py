@@ -187,7 +187,7 @@ def _frequencies(stretch: Stretch) -> FloatArray:
 def _extended(complete: Stretch, decay: DecayFit, safe: int) -> int:
     """Return the first sample of the motion, searched backwards from a sample inside it."""
     length = _window(decay)
-    later = (np.arange(complete.response.size) - safe) / (complete.response.size - 1 - safe)
+    place = (np.arange(complete.response.size) - safe) / (complete.response.size - 1 - safe)
     linear = decay.parts[0].linear
     hum = tone_columns(complete.noise.tones_hz, complete.time_s - complete.time_s[safe])
     time_s = np.arange(length) / complete.rate_hz
@@ -195,7 +195,7 @@ def _extended(complete: Stretch, decay: DecayFit, safe: int) -> int:
         [free_motion(*decay.values, time_s), pole_columns(complete.channel_poles, time_s)]
     )
     basis = np.linalg.qr(motion / np.maximum(np.linalg.norm(motion, axis=0), 1e-300))[0]
-    values = complete.response - linear[2] - linear[3] * (later - 0.5)
+    values = complete.response - linear[2] - linear[3] * (place - 0.5)
     values -= hum @ linear[linear.size - hum.shape[1] :]
 
     def misfit(first: int) -> float:

@@ -95,8 +95,8 @@ def _weak_harmonics(
     ]
     harmonics: list[float] = []
     for place in multiples:
-        near = [int(place), int(place) + 1]
-        top = near[int(np.argmax(np.mean(ratio[:, near], axis=0)))]
+        nearest = [int(place), int(place) + 1]
+        top = nearest[int(np.argmax(np.mean(ratio[:, nearest], axis=0)))]
         weaker = np.sort(np.where(moved[:, top], 0.0, ratio[:, top]))[:-1]
         chi2 = float(np.sum(as_chi2(2.0 * weaker, freedom)))
         if 2 * len(multiples) * chi2_tail(2 * len(weaker), chi2) < REJECTION:

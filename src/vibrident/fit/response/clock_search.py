@@ -280,8 +280,8 @@ class ClockSearch:
         if offset == 0.0:
             delays_s.append(channels.agreed_delay_s(samples))
         for delay_s in delays_s:
-            late = self._responses_at(offset, samples, delay_s) if delay_s else responses
-            fraction = min(fraction, self._unexplained_by(late, samples, enough))
+            delayed = self._responses_at(offset, samples, delay_s) if delay_s else responses
+            fraction = min(fraction, self._unexplained_by(delayed, samples, enough))
         return fraction
 
     def _responses_at(
