@@ -41,6 +41,7 @@ GROUPS = {
     "long": quantities.long,
     "clocks": clocks.cases,
     "held": held.cases,
+    "joined": held.joined,
     "wild": wild.cases,
     "unlike": unlike.cases,
     "friction": friction.friction,

@@ -32,8 +32,8 @@ shape of the motion, number and length of the records.
   brown.
 - The sensor's parameters are the truth: `clocks`, the response is sampled by a clock that is off by
   1e-6 to 4e-2; `held`, a step, telegraph signals and the stairs of a converter, exact from the
-  poles; `wild`, bursts of 2 to 40 wild samples and single glitches; `friction`, dry friction in the
-  sensor.
+  poles; `joined`, such signals and white noise joined by lines, as `lsim` does; `wild`, bursts of 2
+  to 40 wild samples and single glitches; `friction`, dry friction in the sensor.
 - Nothing that is stated is true: `unlike`, models that explain little; `steady`, steady tones and
   noise declared decays.
 

@@ -9,7 +9,7 @@ from bench.adversary.cases import CASES, GROUPS
 from bench.adversary.clocks import at_steps
 from bench.adversary.draws import COLOURS, MOTIONS, draw_motions, draw_setting
 from bench.adversary.friction import rubbed
-from bench.adversary.held import KINDS, held_response, stairs
+from bench.adversary.held import KINDS, held_response, joined_response, stairs
 from bench.adversary.noise import added, rms
 from bench.adversary.physics import TAU, Motion, Sensor
 from scipy.integrate import solve_ivp
@@ -62,8 +62,9 @@ def test_samples_of_another_clock_are_the_sum_of_the_tones(error, rng):
     assert np.allclose(at_steps(motion, step, 900), expected, atol=1e-10)
 
 
+@pytest.mark.parametrize("respond", [held_response, joined_response])
 @pytest.mark.parametrize("name", ["accelerometer", "velocity-pickup"])
-def test_the_response_to_a_held_input_is_what_an_integrator_finds(name, rng):
+def test_the_response_to_a_held_or_joined_input_is_what_an_integrator_finds(name, respond, rng):
     gain = "generator_constant" if name == "velocity-pickup" else "sensitivity"
     p = {gain: -3.0, "natural_frequency": 12.0, "damping_ratio": 1.4}
     w, d = TAU * p["natural_frequency"], p["damping_ratio"]
@@ -71,12 +72,15 @@ def test_the_response_to_a_held_input_is_what_an_integrator_finds(name, rng):
 
     def slope(now, state):
         x, v = state
-        level = levels[min(int(now * RATE + 1e-9), 199)]
+        if respond is joined_response:
+            level = np.interp(now, t, levels)
+        else:
+            level = levels[min(int(now * RATE + 1e-9), 199)]
         return [v, level - w * w * x - 2.0 * d * w * v]
 
-    x, v = integrate(slope, t, breaks=[(k * 25) / RATE for k in range(1, 8)])
+    x, v = integrate(slope, t, breaks=[(k * 25 - ahead) / RATE for k in range(1, 8) for ahead in (1, 0)])
     expected = -3.0 * (v if name == "velocity-pickup" else w * w * x)
-    response = held_response(Sensor(name, p), levels, RATE)
+    response = respond(Sensor(name, p), levels, RATE)
     assert np.max(np.abs(response - expected)) < 1e-6 * np.max(np.abs(expected))
 
 
@@ -134,7 +138,7 @@ def test_two_motions_are_summed_with_their_share(rng):
 
 
 def test_every_drawn_group_makes_its_trials():
-    for name in ("quantities", "noises", "clocks", "held", "wild", "unlike", "steady"):
+    for name in ("quantities", "noises", "clocks", "held", "joined", "wild", "unlike", "steady"):
         cases = [case for case in CASES if case.name.startswith(f"{name}/")]
         trial = cases[0].trial(34)
         again = cases[0].trial(34)

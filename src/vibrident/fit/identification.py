@@ -9,17 +9,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vibrident.base.tails import f_tail
 from vibrident.data.records import Calibration
-from vibrident.data.screening.held import has_stairs
 from vibrident.fit.decay import decays_alone, with_free_decays
 from vibrident.fit.estimators import AUTO, Estimate, Estimator, choose
-from vibrident.fit.estimators.kinds.ipnn import Ipnn
 from vibrident.fit.judge.attempts import DepartureReport, Fitted
+from vibrident.fit.judge.between_samples import fit_between_samples
 from vibrident.fit.judge.clocks import at_one_clock
 from vibrident.fit.judge.corrections import with_effects_corrected
 from vibrident.fit.judge.document import Uncertainty, budget_of, document
-from vibrident.fit.judge.held_drive import fit_held_drive
 from vibrident.fit.judge.reference import with_reference_named
 from vibrident.fit.judge.refits import (
     refit_with_departures,
@@ -30,7 +27,6 @@ from vibrident.fit.judge.remedy import with_remedy
 from vibrident.fit.optimise import Progress, silent
 from vibrident.fit.problem import Evidence
 from vibrident.fit.registry import ESTIMATORS
-from vibrident.fit.response.verdict import REJECTION
 from vibrident.fit.uncertainty.budget import BudgetRow
 from vibrident.physics.models import SensorModel, model_of
 from vibrident.result import Result
@@ -111,10 +107,8 @@ def _fit_model(
     """Estimate a model by records or a table, beside the departures that the data show."""
     evidence = with_free_decays(Evidence.gather(calibration, model))
     chosen, reason = _estimator(evidence, estimator, uncertainty)
-    is_drive = calibration.quantity == "drive"
-    may_be_held = is_drive or has_stairs(evidence.records)
-    if may_be_held and model.is_linear and calibration.records:
-        fitted = _fit_drive(evidence, chosen, _held_network(estimator), progress)
+    if model.is_linear and calibration.records:
+        fitted = fit_between_samples(evidence, chosen, estimator, progress)
         reason = fitted.reason or reason
     else:
         fitted = Fitted.from_evidence(evidence, chosen, progress)
@@ -149,49 +143,6 @@ def _refitted(fitted: Fitted) -> Fitted:
     for step in steps:
         fitted = step(fitted)
     return fitted
-
-
-def _held_network(estimator: str | Estimator) -> Ipnn | None:
-    """Return the network of a held drive; None where another was asked for."""
-    if estimator == AUTO:
-        return Ipnn(discretisation="zoh")
-    if isinstance(estimator, Ipnn) and estimator.discretisation == "zoh":
-        return estimator
-    return None
-
-
-def _fit_drive(
-    evidence: Evidence, chosen: Estimator, held_network: Ipnn | None, progress: Progress
-) -> Fitted:
-    """Estimate a model by a drive, or a motion in stairs, held where that explains the data."""
-    if held_network is None:
-        return Fitted.from_evidence(evidence, chosen, progress)
-    is_drive = evidence.calibration.quantity == "drive"
-    if not (is_drive and has_stairs(evidence.records)):
-        plain = Fitted.from_evidence(evidence, chosen, progress)
-        if plain.adequate and is_drive:
-            return plain
-        # The hold turns the phase by half a sample: what explains most of the motion is near.
-        near = plain.values if plain.judgement.explained > 0.5 else None
-        held = Fitted.from_evidence(replace(evidence, start=near), held_network, progress)
-        held = fit_held_drive(replace(held, evidence=evidence))
-        if not held.adequate:
-            return plain
-        if plain.adequate:
-            misfit, misfit_held = (1.0 - fit.judgement.explained for fit in (plain, held))
-            numbers = plain.estimate.equations
-            ratio = misfit / max(misfit_held, np.finfo(float).tiny)
-            return held if f_tail(numbers, numbers, ratio) < REJECTION else plain
-        if not evidence.model.has_delay:
-            return held
-        # A hold is half a sample of delay: where no stairs are seen, none explains as well.
-        near_held = Fitted.from_evidence(replace(evidence, start=held.values), chosen, progress)
-        return replace(near_held, evidence=evidence) if near_held.adequate else held
-    held = fit_held_drive(Fitted.from_evidence(evidence, held_network, progress))
-    if held.adequate or chosen is held_network:
-        return held
-    plain = Fitted.from_evidence(evidence, chosen, progress)
-    return held if held.chi2 < plain.chi2 else plain
 
 
 def _data_scale(estimate: Estimate, data: BudgetRow) -> float:

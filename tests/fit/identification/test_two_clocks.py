@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from bench.unsuited import UNSUITED
 
 import vibrident
 from vibrident.data.records import Calibration, Record
@@ -181,3 +182,11 @@ def test_short_and_still_records_have_one_clock(samples, still, rng):
     records = (Record("r", reference, rng.standard_normal(samples), RATE_HZ, "random"),)
     assert abs(clock_offset(records)) <= MAX_OFFSET
     assert abs(nearby_offset(records, 2, 2, delayed=True)) <= MAX_OFFSET
+
+
+def test_a_missing_delay_is_not_two_clocks():
+    """At a wrong ratio motion became incoherent, and the misfit passed for noise."""
+    pair = UNSUITED["missing delay"](np.random.default_rng(1))
+    result = vibrident.identify(pair, model="accelerometer")
+    assert not result.fit.adequate
+    assert "clock_suspect" not in result.warning_codes

@@ -407,24 +407,29 @@ def _noise_at(end: Descended, observed: MotionAndNoise) -> tuple[Weighting, Band
     return weighting, weighting.with_nuisances(end.band).at_ringing_of(end.values)
 
 
-def minus_two_log_likelihood(groups: Sequence[GroupAt]) -> float:
-    """Return Σ |R|²/S + log S over the bins of the band (Whittle)."""
+def minus_two_log_likelihood(groups: Sequence[GroupAt], top_hz: float = np.inf) -> float:
+    """Return Σ |R|²/S + log S over the bins of the band up to a frequency (Whittle)."""
     total = 0.0
     for place in groups:
-        counts = place.group.grid.counts * place.group.grid.samples
+        counts = _counts(place, top_hz)
         power = power_of(place.fitted_in_all_bins.residual) / place.group.count[:, None]
         total += float(np.sum(counts * (power / place.psd + np.log(place.psd))))
     return total
 
 
-def mean_minus_two_log_likelihood(groups: Sequence[GroupAt]) -> float:
-    """Return −2 log of the likelihood for each number of the data.
+def mean_minus_two_log_likelihood(groups: Sequence[GroupAt], top_hz: float = np.inf) -> float:
+    """Return −2 log of the likelihood for each number of the data up to a frequency.
 
     It compares fits of which some leave out samples.
     """
-    grids = [place.group.grid for place in groups for _ in place.group.segments]
-    numbers = sum(float(np.sum(grid.counts)) * grid.samples for grid in grids)
-    return minus_two_log_likelihood(groups) / numbers
+    counts = [_counts(place, top_hz) for place in groups for _ in place.group.segments]
+    return minus_two_log_likelihood(groups, top_hz) / sum(map(np.sum, counts))
+
+
+def _counts(place: GroupAt, top_hz: float) -> FloatArray:
+    """Return the count of real numbers in each bin, none above a frequency, shape (K,)."""
+    grid = place.group.grid
+    return grid.counts * grid.samples * (grid.frequency_hz <= top_hz)
 
 
 def _stated(

@@ -64,12 +64,22 @@ class Fitted:
 
     @classmethod
     def from_evidence(cls, evidence: Evidence, estimator: Estimator, progress: Progress) -> Fitted:
-        """Fit and judge.
+        """Fit and judge; a rejected fit is tried again.
 
         Raises:
             NotConverged: the start values lead to no finite fit.
         """
         return cls(evidence, *_fit_and_judge(evidence, estimator, progress), estimator, progress)
+
+    @classmethod
+    def at_first(cls, evidence: Evidence, estimator: Estimator, progress: Progress) -> Fitted:
+        """Fit and judge; a rejected fit is not tried again.
+
+        Raises:
+            NotConverged: the start values lead to no finite fit.
+        """
+        estimate = _estimated(evidence, estimator, progress)
+        return cls(evidence, *_judged_estimate(evidence, estimate), estimator, progress)
 
     def anew(self, evidence: Evidence, start: Mapping[str, float] | None = None) -> Fitted:
         """Return the same estimator's fit of other data.
@@ -88,10 +98,13 @@ class Fitted:
 
     def once(self, evidence: Evidence) -> Fitted:
         """Return the same estimator's fit of other data, which is not tried again if rejected."""
-        fitted = _estimated(evidence, self.estimator, self.progress)
-        estimate, judgement = _judged_estimate(evidence, fitted)
+        fitted = Fitted.at_first(evidence, self.estimator, self.progress)
         return replace(
-            self, evidence=evidence, estimate=estimate, judgement=judgement, departures=None
+            self,
+            evidence=evidence,
+            estimate=fitted.estimate,
+            judgement=fitted.judgement,
+            departures=None,
         )
 
     def at(self, estimate: Estimate) -> Fitted:

@@ -21,7 +21,7 @@ from vibrident.fit.response.bands import band_edges
 from vibrident.fit.response.clock_ratio import nearby_offset
 from vibrident.fit.response.clock_search import MAX_OFFSET
 from vibrident.fit.response.transform import band_sums, power_of
-from vibrident.fit.uncertainty.explained import MIN_INCOHERENT_MISFIT
+from vibrident.fit.uncertainty.explained import MAX_UNEXPLAINED, MIN_INCOHERENT_MISFIT
 from vibrident.fit.uncertainty.parameters import deviations
 
 SOURCE = "the ratio of the two clocks"
@@ -30,7 +30,8 @@ MIN_SIGMA = 4.0  # of ε, to be tried
 DELAY_ORDER = 2  # of a rational function for what remains of a delay (Padé)
 MAX_ROUNDS = 6
 TINY = np.finfo(float).tiny
-MIN_FALL = 2.0  # of the unexplained power, for a fit that remains rejected
+#: Fall of the unexplained power for a fit that remains rejected; the incoherent may not rise so.
+MIN_FALL = 2.0
 
 
 def at_one_clock(fitted: Fitted) -> Fitted:
@@ -135,7 +136,15 @@ def _settle_offset(fitted: Fitted, known: bool, nearby: float) -> tuple[Fitted, 
 def _improved(fitted: Fitted, change: float) -> Fitted | None:
     """Return the fit at an ε larger by ``change``, or None where it explains no more."""
     candidate = _fit_at_offset(fitted, fitted.evidence.clock_offset + change)
-    if candidate is None or candidate.adequate:
+    if candidate is None:
+        return None
+    # A wrong ratio makes motion incoherent, and what is incoherent is noise.
+    incoherent, incoherent_before = (
+        1.0 - fit.judgement.shares.coherent for fit in (candidate, fitted)
+    )
+    if incoherent > MIN_FALL * max(incoherent_before, MAX_UNEXPLAINED):
+        return None
+    if candidate.adequate:
         return candidate
     # χ² may rise where the misfit falls, as the noise beside it does.
     max_unexplained = fitted.judgement.unexplained / MIN_FALL

@@ -182,6 +182,8 @@ class Coordinates:
             if spec.kind not in ("gain", "positive"):
                 continue
             positive = spec.kind == "positive"
+            if positive and abs(z[index]) >= MAX_EXPONENT:
+                continue  # where the value does not change
             value = float(np.sinh(z[index]) if positive else z[index])
             change = float(step[index] * (np.cosh(z[index]) if positive else 1.0))
             if abs(change) < abs(value):

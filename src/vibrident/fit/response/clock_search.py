@@ -176,6 +176,8 @@ def _delay_samples(motion: _Motion, response: ComplexArray) -> int:
     x, y = (WINDOW_BINS @ lines for lines in (motion.reference, response))
     ratio = np.zeros(n // 2 + 1, dtype=complex)
     power = power_of(x)
+    if not np.any(power):
+        return 0
     ratio[motion.bins] = y * np.conj(x) / (power + POWER_FLOOR * np.max(power))
     peak = int(np.argmax(np.abs(fft.irfft(ratio, n))))
     peak = peak if peak < n // 2 else peak - n

@@ -1,8 +1,11 @@
-"""A drive in stairs, as a converter holds it between samples, is fitted as such and named."""
+"""A reference that is held between samples, or joined by lines, is fitted as such and named."""
 
 import numpy as np
 import pytest
 from bench.adversary.cases import BY_NAME
+from bench.adversary.held import WHITE, joined_response
+from bench.adversary.held import stairs as levels_of
+from bench.adversary.physics import Sensor
 from scipy import signal
 from scipy.special import chdtri
 
@@ -82,8 +85,12 @@ def test_stairs_are_fitted_as_held_wherever_their_edges_lie(hold, late, noise, d
         result = vibrident.identify(given, model="velocity-pickup")
         assert result.fit.adequate
         assert result.warning_codes == ()
-        assert "held between its samples" in result.settings["estimator_choice"]
-        assert ("edges" in result.settings["estimator_choice"]) == (late != 0)
+        choice = result.settings["estimator_choice"]
+        if late == -FINER // 2:  # lines have their middle there
+            assert "joined by lines" in choice or "edges" in choice
+        else:
+            assert "held between its samples" in choice
+            assert ("edges" in choice) == (late != 0)
         stated = [(result.parameters[name], value) for name, value in truth.items()]
         z += [(p.value - value) / p.standard_uncertainty for p, value in stated]
     assert np.max(np.abs(z)) < 4.0
@@ -141,3 +148,69 @@ def test_an_acceleration_in_stairs_is_held_where_that_explains_far_more(run):
     for name in ("sensitivity", "natural_frequency", "damping_ratio"):
         stated = result.parameters[name]
         assert abs(stated.value - trial.truth[name]) < 4 * stated.standard_uncertainty
+
+
+@pytest.mark.parametrize("quantity", ["drive", "acceleration"])
+@pytest.mark.parametrize("kind", ["telegraph", "staircase", WHITE])
+@pytest.mark.quick("few-white noise-acceleration")
+@pytest.mark.draws(1, 6)
+def test_a_reference_joined_by_lines_is_fitted_as_such(kind, quantity, draws):
+    """As held or band-limited it was rejected, or a telegraph signal was 22 u off and "adequate"."""
+    z = []
+    for seed in range(draws):
+        rng = np.random.default_rng(seed)
+        values = {
+            "sensitivity": 1.0,
+            "natural_frequency": 10 ** rng.uniform(-2.0, -0.8),
+            "damping_ratio": rng.uniform(0.05, 0.9),
+        }
+        if kind == WHITE:
+            levels = rng.normal(size=SAMPLES)
+        else:
+            levels = levels_of(kind, SAMPLES, 12, 1 / values["natural_frequency"], rng)
+        response = joined_response(Sensor("accelerometer", values), levels, 1.0)
+        scale = np.std(response)
+        response = response / scale + 1e-3 * rng.normal(size=SAMPLES)
+        given = Calibration.from_arrays(levels, response, 1.0, quantity=quantity, excitation="random")
+        result = vibrident.identify(given, model="accelerometer")
+        assert result.fit.adequate
+        assert result.warning_codes == ()
+        assert "joined by lines" in result.settings["estimator_choice"]
+        for name in ("natural_frequency", "damping_ratio"):
+            stated = result.parameters[name]
+            z.append((stated.value - values[name]) / stated.standard_uncertainty)
+    assert np.max(np.abs(z)) < 4.0
+    assert np.sum(np.square(z)) < chdtri(len(z), 5e-4)
+
+
+@pytest.mark.parametrize("held", [True, False])
+@pytest.mark.parametrize("kind", ["sweep", "random", "shock"])
+@pytest.mark.quick("few-random-False")
+@pytest.mark.draws(1, 6)
+def test_a_simulated_motion_is_fitted_as_it_was_simulated(kind, held, draws):
+    """``lsim`` joins or holds samples of any motion: as band-limited each sensor here was called wrong."""
+    rate_hz = 1000.0
+    time = np.arange(6000) / rate_hz
+    for seed in range(draws):
+        rng = np.random.default_rng(seed)
+        top_hz = rng.uniform(100.0, 300.0)
+        if kind == "sweep":
+            motion = signal.chirp(time, 1.0, time[-1], top_hz)
+        elif kind == "random":
+            motion = signal.sosfilt(signal.butter(6, top_hz, output="sos", fs=rate_hz), rng.normal(size=6000))
+        else:
+            turn = np.clip((time - 2.0) * top_hz / 2.0, 0.0, 1.0)
+            motion = np.sin(np.pi * turn) ** 2
+        truth = {"natural_frequency": rng.uniform(20.0, 200.0), "damping_ratio": rng.uniform(0.05, 0.9)}
+        omega = 2.0 * np.pi * truth["natural_frequency"]
+        system = signal.lti([omega**2], [1.0, 2.0 * truth["damping_ratio"] * omega, omega**2])
+        response = signal.lsim(system, motion, time, interp=not held)[1]
+        response = response + 3e-4 * np.std(response) * rng.normal(size=time.size)
+        given = Calibration.from_arrays(motion, response, rate_hz, quantity="acceleration", excitation=kind)
+        result = vibrident.identify(given, model="accelerometer")
+        assert result.settings["discretisation"] == ("zoh" if held else "foh")
+        assert result.fit.adequate
+        assert result.warning_codes == ()
+        for name, value in truth.items():
+            stated = result.parameters[name]
+            assert abs(stated.value - value) < 4.0 * stated.standard_uncertainty

@@ -1,0 +1,321 @@
+"""Fit of a drive by what it does between its samples: held, joined by lines, or band-limited.
+
+A converter holds what it is commanded to; a simulation joins the samples by lines (``lsim`` of
+MATLAB and SciPy). The instants of the edges are a nuisance parameter. Of the fits that explain the
+data the likeliest is taken: each would be far off if another were true.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from vibrident.base.amounts import amount
+from vibrident.base.errors import ModelError, VibridentError
+from vibrident.base.tails import chi2_tail, f_tail
+from vibrident.data.records import SystematicEffect
+from vibrident.data.screening.held import has_stairs
+from vibrident.fit.bins.transfer import horner, transfer_of
+from vibrident.fit.descent.settle import mean_minus_two_log_likelihood
+from vibrident.fit.estimators import AUTO, Estimator
+from vibrident.fit.estimators.kinds.ipnn import Ipnn
+from vibrident.fit.group.group import Grid
+from vibrident.fit.group.network import products
+from vibrident.fit.judge.attempts import MIN_EXPLAINED_SHARE, Fitted
+from vibrident.fit.judge.departure_report import departure_names
+from vibrident.fit.optimise import Progress
+from vibrident.fit.problem import Evidence
+from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.response.verdict import REJECTION
+from vibrident.fit.uncertainty.parameters import standard_uncertainties
+from vibrident.physics.discretisation import Method
+from vibrident.physics.models import ADD_ONS, installed
+from vibrident.physics.models.state_space import realise
+
+DELAY = "delay"
+ALIASING = "aliasing"  # of motion; a commanded step has any frequency
+#: What a drive does between its samples, by the discretisation that is exact for it.
+REASONS = {
+    "zoh": "the reference is held between its samples, as stairs: zero-order hold",
+    "foh": "the reference is joined by lines between its samples: first-order hold",
+}
+
+
+def fit_between_samples(
+    evidence: Evidence, chosen: Estimator, requested: str | Estimator, progress: Progress
+) -> Fitted:
+    """Estimate a linear model, the reference held, joined by lines or band-limited.
+
+    Args:
+        evidence: the data.
+        chosen: the estimator that suits.
+        requested: the estimator that was requested.
+        progress: called after each iteration.
+
+    Raises:
+        NotConverged: no start leads to a finite fit.
+    """
+    is_drive = evidence.calibration.quantity == "drive"
+    is_in_stairs = has_stairs(evidence.records)
+    networks = [Ipnn(discretisation=name) for name in REASONS]
+    if requested != AUTO:
+        fitted = Fitted.from_evidence(evidence, chosen, progress)
+        is_held = isinstance(chosen, Ipnn) and chosen.discretisation in REASONS
+        return _at_edges(_named(fitted)) if is_held and (is_drive or is_in_stairs) else fitted
+    if is_in_stairs and is_drive:
+        fits = _fits_at_edges(evidence, networks, progress)
+        adequate = [fitted for fitted in fits if fitted.adequate]
+        if adequate:
+            return _likeliest(adequate)
+        return _closest([Fitted.from_evidence(evidence, chosen, progress), *fits])
+    return _beside_band_limited(evidence, chosen, networks, is_in_stairs, progress)
+
+
+def _beside_band_limited(
+    evidence: Evidence,
+    chosen: Estimator,
+    networks: Sequence[Ipnn],
+    is_in_stairs: bool,
+    progress: Progress,
+) -> Fitted:
+    """Estimate by a band-limited reference, and by networks where that may miss what they have."""
+    plain = Fitted.from_evidence(evidence, chosen, progress)
+    # The hold turns the phase by half a sample: what explains most of the motion is near.
+    near = plain.values if plain.judgement.explained > MIN_EXPLAINED_SHARE else None
+    if is_in_stairs or (not plain.adequate and _may_be_broadband(evidence)):
+        fits = _fits_at_edges(evidence, networks, progress, near)
+        if not any(fitted.adequate for fitted in [plain, *fits]):
+            return _closest([plain, *fits])
+    else:
+        networks = [network for network in networks if _is_worth_a_fit(plain, network)]
+        fits = _fits(Fitted.at_first, evidence, networks, progress, near)
+    adequate = [fitted for fitted in fits if fitted.adequate]
+    if plain.adequate or not adequate:
+        return _likeliest([plain, *adequate])
+    likeliest = _likeliest(adequate)
+    if not evidence.model.has_delay:
+        return likeliest
+    # A hold is half a sample of delay: where no stairs are seen, none explains as well.
+    start = likeliest.values
+    from_delayed = Fitted.from_evidence(replace(evidence, start=start), chosen, progress)
+    return replace(from_delayed, evidence=evidence) if from_delayed.adequate else likeliest
+
+
+def _may_be_broadband(evidence: Evidence) -> bool:
+    """Return whether the reference may have more than a band-limited signal between its samples.
+
+    It is a drive, or has motion up to half the sampling rate, as only a signal without an
+    anti-aliasing filter has: a simulated one.
+    """
+    is_aliased = any(finding.code == ALIASING for finding in evidence.findings)
+    return is_aliased or evidence.calibration.quantity == "drive"
+
+
+def _is_worth_a_fit(fitted: Fitted, network: Ipnn) -> bool:
+    """Return whether the reference may be as a network has it between the samples.
+
+    A rejected fit must explain most of the response. One that explains the data must miss what the
+    other course adds. The amount of that difference is estimated beside the parameters, to first
+    order. It is one where the course is that of the network.
+    """
+    estimate = fitted.estimate
+    evidence = fitted.evidence
+    if not fitted.adequate:
+        return fitted.judgement.explained > MIN_EXPLAINED_SHARE
+    if estimate.in_noise is None:
+        return False
+    values = fitted.values
+    count = len(estimate.z)
+    products_with_all = np.zeros(count + 2)
+    information = np.zeros((count, count))
+    for place in estimate.in_noise.places(estimate.z, estimate.coordinates):
+        grid = place.group.grid
+        if not grid.driven:
+            continue
+        try:
+            change = _relative_change(evidence, network.method, values, grid)
+        except ModelError:  # this discretisation does not represent the sensor
+            return False
+        rows = place.rows
+        column = (rows.forced * change)[:, None]
+        column = place.group.where_used(column)
+        column -= rows.nuisances.imitated(column)
+        root = np.sqrt(place.weight)[:, None]
+        all_columns = (
+            np.concatenate([place.jacobian, rows.residual[:, None], column], axis=1) * root
+        )
+        products_with_all += np.sum(products(column * root, all_columns), axis=(0, 1))
+        jacobian = place.jacobian * root
+        information += np.sum(products(jacobian, jacobian), axis=0)
+    *with_parameters, score, own_information = products_with_all
+    shared = np.linalg.pinv(information, hermitian=True) @ with_parameters
+    left_information = own_information - float(shared @ with_parameters)
+    if not left_information > 0.0:
+        return False
+    amount = score / left_information
+    return bool(abs(amount - 1.0) < 0.5) and chi2_tail(1.0, amount * score) < REJECTION
+
+
+def _relative_change(
+    evidence: Evidence, method: Method, values: Mapping[str, float], grid: Grid
+) -> ComplexArray:
+    """Return by which share a discretisation changes the response at the bins, shape (K,)."""
+    rational = evidence.model.rational(values, evidence.quantity)
+    terms = method.fixed_terms or 1
+    weights = method.weights(realise(rational), 1.0 / grid.rate_hz, 0.0, terms)
+    transfer = transfer_of(weights)
+    shifted = grid.shifted
+    # Of a line in Legendre's terms: mean of its ends, and half their difference.
+    inputs = (1.0 + 0.5 * shifted, 0.5 * shifted)[:terms] if terms > 1 else (1.0,)
+    driven = sum(
+        horner(column, shifted) * of_reference
+        for column, of_reference in zip(transfer.numerator.T, inputs, strict=True)
+    )
+    s = np.asarray(2j * np.pi * grid.frequency_hz, dtype=complex)
+    numerator, denominator = (
+        horner(np.asarray(coefficients, dtype=float), s)
+        for coefficients in (rational.numerator, rational.denominator)
+    )
+    continuous = rational.gain * numerator / denominator
+    return driven / horner(transfer.denominator, shifted) / continuous - 1.0
+
+
+def _fits_at_edges(
+    evidence: Evidence,
+    networks: Sequence[Ipnn],
+    progress: Progress,
+    start: Mapping[str, float] | None = None,
+) -> list[Fitted]:
+    """Return the fits by networks, with edges beside the samples where none explains the data.
+
+    A network is tried again only where none explains them. ``start``: parameters to start from,
+    where they are known.
+    """
+    for fit in (Fitted.at_first, Fitted.from_evidence):
+        fits = _fits(fit, evidence, networks, progress, start)
+        adequate = [fitted for fitted in fits if fitted.adequate]
+        if adequate:
+            return [_at_edges(_likeliest(adequate))]
+    return [_at_edges(fitted) for fitted in fits]
+
+
+def _fits(
+    fit: Callable[[Evidence, Estimator, Progress], Fitted],
+    evidence: Evidence,
+    networks: Sequence[Ipnn],
+    progress: Progress,
+    start: Mapping[str, float] | None,
+) -> list[Fitted]:
+    """Return the fits by networks that converge; arguments as of :func:`_fits_at_edges`."""
+    fits = []
+    for network in networks:
+        try:
+            fitted = fit(replace(evidence, start=start), network, progress)
+        except VibridentError:
+            continue
+        fits.append(_named(replace(fitted, evidence=evidence)))
+    return fits
+
+
+def _named(fitted: Fitted) -> Fitted:
+    """Return the fit by a network with what the reference does between its samples as reason.
+
+    Motion up to half the sampling rate is no fault of it.
+    """
+    estimator = fitted.estimator
+    assert isinstance(estimator, Ipnn)
+    findings = tuple(f for f in fitted.evidence.findings if f.code != ALIASING)
+    evidence = replace(fitted.evidence, findings=findings)
+    return replace(fitted, evidence=evidence, reason=REASONS[estimator.discretisation])
+
+
+def _likeliest(fits: Sequence[Fitted]) -> Fitted:
+    """Return the fit in whose noise the data are likeliest, in the band that all have.
+
+    The first one if it is alone, or by points.
+    """
+    if len(fits) == 1:
+        return fits[0]
+    places = []
+    for fitted in fits:
+        estimate = fitted.estimate
+        if estimate.in_noise is None:
+            return fits[0]
+        places.append(tuple(estimate.in_noise.places(estimate.z, estimate.coordinates)))
+    grids = [[place.group.grid for place in groups] for groups in places]
+    top_hz = min(max(float(np.max(g.frequency_hz[g.counts > 0.0])) for g in row) for row in grids)
+    scores = [mean_minus_two_log_likelihood(groups, top_hz) for groups in places]
+    return fits[int(np.argmin(scores))]
+
+
+def _closest(fits: Sequence[Fitted]) -> Fitted:
+    """Return the first fit, or the one of least χ²/ν if that is less than chance allows."""
+    first = fits[0]
+    best = min(fits, key=_reduced_chi2)
+    freedom, freedom_of_best = (
+        fitted.judgement.adequacy.degrees_of_freedom for fitted in (first, best)
+    )
+    if min(freedom, freedom_of_best) < 1:
+        return first
+    ratio = _reduced_chi2(first) / max(_reduced_chi2(best), np.finfo(float).tiny)
+    return best if f_tail(freedom, freedom_of_best, ratio) < REJECTION else first
+
+
+def _reduced_chi2(fitted: Fitted) -> float:
+    """Return χ²/ν of the adequacy test, infinite without one."""
+    chi2 = fitted.judgement.adequacy.chi2_reduced
+    return math.inf if chi2 is None else float(chi2)
+
+
+def _at_edges(fitted: Fitted) -> Fitted:
+    """Return the fit of a drive with its edges where the data show them.
+
+    The converters of drive and response have no common instant. Where the data show that the edges
+    lie beside the samples, by less than a step, the fit puts them there, and the budget has their
+    uncertainty. A model with a delay contains this shift already.
+    """
+    delay_s = _edge_delay(fitted)
+    if delay_s is None:
+        return fitted
+    estimator = fitted.estimator
+    assert isinstance(estimator, Ipnn)
+    rate_hz = fitted.evidence.records[0].sampling_rate_hz
+    value, u = delay_s
+    pattern = tuple((hz, 0.0, -2.0 * math.pi * hz) for hz in (0.0, 0.5 * rate_hz))
+    effect = SystematicEffect("the instants of the drive's edges", "edges", u, pattern=pattern)
+    delayed = replace(estimator, late_samples=value * rate_hz)
+    with_effect = replace(fitted.evidence, effects=(effect,))
+    shifted = Fitted.from_evidence(with_effect, delayed, fitted.progress)
+    when = "after" if value > 0.0 else "before"
+    edges = f"edges {amount(abs(value), 's', 3)} ± {amount(u, 's', 1)} {when} the samples"
+    return replace(shifted, reason=f"{fitted.reason}, {edges}")
+
+
+def _edge_delay(fitted: Fitted) -> tuple[float, float] | None:
+    """Return the time, and its u, by which the edges come after the samples, s.
+
+    None where the data do not show it.
+    """
+    evidence = fitted.evidence
+    if evidence.model.has_delay or (fitted.adequate and DELAY not in departure_names(fitted)):
+        return None
+    if len({record.sampling_rate_hz for record in evidence.records}) > 1:
+        return None
+    model = installed(f"{evidence.model.name}+{ADD_ONS[DELAY].name}")
+    if model is None:
+        return None
+    # A fit that was rejected is no start: its parameters stand in for the delay.
+    start = {**fitted.values, DELAY: 0.0} if fitted.adequate else None
+    try:
+        delayed = fitted.once(replace(evidence, model=model, start=start))
+    except VibridentError:
+        return None
+    estimate = delayed.estimate
+    delay_s = delayed.values[DELAY]
+    if not delayed.adequate or abs(delay_s) >= evidence.records[0].sampling_interval_s:
+        return None
+    u = standard_uncertainties(estimate.coordinates, estimate.z, estimate.covariance)
+    return delay_s, u[DELAY]
