@@ -69,7 +69,7 @@ class Fitted:
         Raises:
             NotConverged: the start values lead to no finite fit.
         """
-        return cls(evidence, *_fit_and_judge(evidence, estimator, progress), estimator, progress)
+        return cls.at_first(evidence, estimator, progress).tried_again()
 
     @classmethod
     def at_first(cls, evidence: Evidence, estimator: Estimator, progress: Progress) -> Fitted:
@@ -80,6 +80,22 @@ class Fitted:
         """
         estimate = _estimated(evidence, estimator, progress)
         return cls(evidence, *_judged_estimate(evidence, estimate), estimator, progress)
+
+    def tried_again(self) -> Fitted:
+        """Return the fit, or its replacement where it is rejected.
+
+        A rejected fit of records stays where no other place may explain more of the response.
+        """
+        in_noise = self.estimate.in_noise is not None
+        if self.adequate or (in_noise and not self.judgement.shares.may_rise):
+            return self
+        estimate = self.estimator.where_rejected(self.evidence, self.estimate, self.progress)
+        if estimate is None:
+            return self
+        estimate, judgement = _judged_estimate(self.evidence, estimate)
+        if in_noise and not judgement.adequacy.adequate:
+            return self
+        return replace(self, estimate=estimate, judgement=judgement)
 
     def anew(self, evidence: Evidence, start: Mapping[str, float] | None = None) -> Fitted:
         """Return the same estimator's fit of other data.
@@ -171,27 +187,6 @@ def judged(evidence: Evidence, estimate: Estimate) -> Judgement:
     judge_data = judge_table if evidence.calibration.table else judge_records
     judge_data = judge_data if estimate.findings.decays is None else judge_decays
     return allowing_for_effects(evidence, estimate, judge_data(evidence, estimate))
-
-
-def _fit_and_judge(
-    evidence: Evidence, estimator: Estimator, progress: Progress
-) -> tuple[Estimate, Judgement]:
-    """Return an estimate, or its replacement where it is rejected, and the judgement.
-
-    A rejected fit of records stays where no other place may explain more of the response.
-    """
-    fitted = _estimated(evidence, estimator, progress)
-    estimate, judgement = _judged_estimate(evidence, fitted)
-    stays = estimate.in_noise is not None and not judgement.shares.may_rise
-    if judgement.adequacy.adequate or stays:
-        return estimate, judgement
-    replacement = estimator.where_rejected(evidence, fitted, progress)
-    if replacement is None:
-        return estimate, judgement
-    replacement, judgement_of_replacement = _judged_estimate(evidence, replacement)
-    if estimate.in_noise is not None and not judgement_of_replacement.adequacy.adequate:
-        return estimate, judgement
-    return replacement, judgement_of_replacement
 
 
 def _estimated(evidence: Evidence, estimator: Estimator, progress: Progress) -> Estimate:

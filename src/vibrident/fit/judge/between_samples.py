@@ -8,7 +8,7 @@ data the likeliest is taken: each would be far off if another were true.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -58,50 +58,52 @@ def fit_between_samples(
     Raises:
         NotConverged: no start leads to a finite fit.
     """
-    is_drive = evidence.calibration.quantity == "drive"
-    is_in_stairs = has_stairs(evidence.records)
-    networks = [Ipnn(discretisation=name) for name in REASONS]
     if requested != AUTO:
         fitted = Fitted.from_evidence(evidence, chosen, progress)
         is_held = isinstance(chosen, Ipnn) and chosen.discretisation in REASONS
-        return _at_edges(_named(fitted)) if is_held and (is_drive or is_in_stairs) else fitted
-    if is_in_stairs and is_drive:
-        fits = _fits_at_edges(evidence, networks, progress)
-        adequate = [fitted for fitted in fits if fitted.adequate]
-        if adequate:
-            return _likeliest(adequate)
-        return _closest([Fitted.from_evidence(evidence, chosen, progress), *fits])
-    return _beside_band_limited(evidence, chosen, networks, is_in_stairs, progress)
+        may_have_edges = _is_drive(evidence) or has_stairs(evidence.records)
+        return _at_edges(_named(fitted)) if is_held and may_have_edges else fitted
+    plain = Fitted.at_first(evidence, chosen, progress)
+    networks = [Ipnn(discretisation=name) for name in REASONS]
+    if has_stairs(evidence.records) or (not plain.adequate and _may_be_broadband(evidence)):
+        return _likeliest_of_all(plain, networks)
+    plain = plain.tried_again()
+    networks = [network for network in networks if _is_worth_a_fit(plain, network)]
+    adequate = [fitted for fitted in _fits(plain, networks, plain.values) if fitted.adequate]
+    return _likeliest([plain, *adequate] if plain.adequate or not adequate else adequate)
 
 
-def _beside_band_limited(
-    evidence: Evidence,
-    chosen: Estimator,
-    networks: Sequence[Ipnn],
-    is_in_stairs: bool,
-    progress: Progress,
-) -> Fitted:
-    """Estimate by a band-limited reference, and by networks where that may miss what they have."""
-    plain = Fitted.from_evidence(evidence, chosen, progress)
+def _likeliest_of_all(plain: Fitted, networks: Sequence[Ipnn]) -> Fitted:
+    """Return the likeliest of a band-limited fit and the fits by networks that explain the data.
+
+    Where none does, edges are put beside the samples, and then all are tried again.
+    """
     # The hold turns the phase by half a sample: what explains most of the motion is near.
     near = plain.values if plain.judgement.explained > MIN_EXPLAINED_SHARE else None
-    if is_in_stairs or (not plain.adequate and _may_be_broadband(evidence)):
-        fits = _fits_at_edges(evidence, networks, progress, near)
-        if not any(fitted.adequate for fitted in [plain, *fits]):
-            return _closest([plain, *fits])
-    else:
-        networks = [network for network in networks if _is_worth_a_fit(plain, network)]
-        fits = _fits(Fitted.at_first, evidence, networks, progress, near)
+    fits = [plain, *_fits(plain, networks, near)]
+    if not any(fitted.adequate for fitted in fits):
+        fits = [plain, *map(_at_edges, fits[1:])]
+    if not any(fitted.adequate for fitted in fits):
+        fits = [plain, *_fits(plain, networks, None)]
+        fits = [fitted.tried_again() for fitted in fits]
     adequate = [fitted for fitted in fits if fitted.adequate]
-    if plain.adequate or not adequate:
-        return _likeliest([plain, *adequate])
+    if not adequate:
+        return _closest(fits)
     likeliest = _likeliest(adequate)
-    if not evidence.model.has_delay:
+    if likeliest.estimator == plain.estimator:
         return likeliest
+    evidence = plain.evidence
+    if not evidence.model.has_delay or has_stairs(evidence.records):
+        return _at_edges(likeliest)
     # A hold is half a sample of delay: where no stairs are seen, none explains as well.
-    start = likeliest.values
-    from_delayed = Fitted.from_evidence(replace(evidence, start=start), chosen, progress)
+    evidence_near = replace(evidence, start=likeliest.values)
+    from_delayed = Fitted.at_first(evidence_near, plain.estimator, plain.progress)
     return replace(from_delayed, evidence=evidence) if from_delayed.adequate else likeliest
+
+
+def _is_drive(evidence: Evidence) -> bool:
+    """Return whether the reference is what was commanded, not what was measured."""
+    return evidence.calibration.quantity == "drive"
 
 
 def _may_be_broadband(evidence: Evidence) -> bool:
@@ -111,7 +113,7 @@ def _may_be_broadband(evidence: Evidence) -> bool:
     anti-aliasing filter has: a simulated one.
     """
     is_aliased = any(finding.code == ALIASING for finding in evidence.findings)
-    return is_aliased or evidence.calibration.quantity == "drive"
+    return is_aliased or _is_drive(evidence)
 
 
 def _is_worth_a_fit(fitted: Fitted, network: Ipnn) -> bool:
@@ -183,40 +185,24 @@ def _relative_change(
     return driven / horner(transfer.denominator, shifted) / continuous - 1.0
 
 
-def _fits_at_edges(
-    evidence: Evidence,
-    networks: Sequence[Ipnn],
-    progress: Progress,
-    start: Mapping[str, float] | None = None,
-) -> list[Fitted]:
-    """Return the fits by networks, with edges beside the samples where none explains the data.
-
-    A network is tried again only where none explains them. ``start``: parameters to start from,
-    where they are known.
-    """
-    for fit in (Fitted.at_first, Fitted.from_evidence):
-        fits = _fits(fit, evidence, networks, progress, start)
-        adequate = [fitted for fitted in fits if fitted.adequate]
-        if adequate:
-            return [_at_edges(_likeliest(adequate))]
-    return [_at_edges(fitted) for fitted in fits]
-
-
 def _fits(
-    fit: Callable[[Evidence, Estimator, Progress], Fitted],
-    evidence: Evidence,
-    networks: Sequence[Ipnn],
-    progress: Progress,
-    start: Mapping[str, float] | None,
+    plain: Fitted, networks: Sequence[Ipnn], start: Mapping[str, float] | None
 ) -> list[Fitted]:
-    """Return the fits by networks that converge; arguments as of :func:`_fits_at_edges`."""
+    """Return the first fits by networks that converge.
+
+    Args:
+        plain: a fit of the same data.
+        networks: what fits them.
+        start: parameters to start from; None where they are not known.
+    """
     fits = []
     for network in networks:
+        evidence = replace(plain.evidence, start=start)
         try:
-            fitted = fit(replace(evidence, start=start), network, progress)
+            fitted = Fitted.at_first(evidence, network, plain.progress)
         except VibridentError:
             continue
-        fits.append(_named(replace(fitted, evidence=evidence)))
+        fits.append(_named(replace(fitted, evidence=plain.evidence)))
     return fits
 
 
@@ -301,6 +287,8 @@ def _edge_delay(fitted: Fitted) -> tuple[float, float] | None:
     """
     evidence = fitted.evidence
     if evidence.model.has_delay or (fitted.adequate and DELAY not in departure_names(fitted)):
+        return None
+    if fitted.judgement.explained < MIN_EXPLAINED_SHARE:
         return None
     if len({record.sampling_rate_hz for record in evidence.records}) > 1:
         return None

@@ -166,9 +166,9 @@ def _explained_pieces(
             if evidence.bands is None or uncorrelated_records(evidence.bands, MAX_CHANCE):
                 continue
             estimator, _ = choose(evidence)
-            fitted = Fitted.from_evidence(replace(evidence, start=near or None), estimator, silent)
+            fitted = Fitted.at_first(replace(evidence, start=near or None), estimator, silent)
             if near and not fitted.adequate:
-                fitted = Fitted.from_evidence(evidence, estimator, silent)
+                fitted = Fitted.at_first(evidence, estimator, silent)
         except VibridentError:
             continue
         if fitted.adequate:
