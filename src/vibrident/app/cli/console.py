@@ -16,7 +16,7 @@ from vibrident.base.settings import Word
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from vibrident.app.workflow.made import TaskOutput
+    from vibrident.app.workflow.task_output import TaskOutput
     from vibrident.show.views import Block
 
 

@@ -11,7 +11,7 @@ from vibrident.app.web import translated
 from vibrident.app.web.language import language, phrase
 from vibrident.app.web.session import refuse_outside
 from vibrident.app.workflow.estimators import AUTO
-from vibrident.app.workflow.made import TaskOutput
+from vibrident.app.workflow.task_output import TaskOutput
 from vibrident.base.fields import Fields, NamedTexts
 from vibrident.base.progress import ProgressReporter
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.app.workflow.folder import write_json
-from vibrident.app.workflow.made import TaskOutput
+from vibrident.app.workflow.task_output import TaskOutput
 from vibrident.base.fields import NamedNumbers
 from vibrident.base.progress import SILENT, ProgressReporter
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.app.workflow.folder import load_result
-from vibrident.app.workflow.made import TaskOutput
+from vibrident.app.workflow.task_output import TaskOutput
 from vibrident.app.workflow.tracking import RECORDS, TrackingFiles
 from vibrident.base.errors import InputError
 from vibrident.base.fields import Fields, NamedNumbers, NamedTexts

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.app.workflow.folder import write_json, write_samples
-from vibrident.app.workflow.made import TaskOutput
+from vibrident.app.workflow.task_output import TaskOutput
 from vibrident.base.fields import Fields
 from vibrident.show.rows import table_of
 from vibrident.show.views import Sentence

@@ -61,10 +61,10 @@ def free_parts(
 
 def _cut(record: Record, first: int) -> Record:
     """Return a decay without the samples before its free motion, and without a reference."""
-    alone = record if record.reference is None else replace(record, reference=None)
+    response_only = record if record.reference is None else replace(record, reference=None)
     if first == 0:
-        return alone
-    return alone.part(
+        return response_only
+    return response_only.part(
         slice(first, record.samples), f"{first} samples before the free motion left out"
     )
 

@@ -348,8 +348,8 @@ def with_model_error(weighting: Weighting, end: Descended, squares: float) -> We
             psd, _, _, excited = noise.at_bins(grid)
             zeros = np.zeros_like(psd)
             spectrum = replace(noise.spectrum, psd=psd, excited=excited, input_noise_at=zeros)
-            alone = SegmentNoise(spectrum, zeros, grid.samples)
-            rows.append((number, alone, smooth[row], squares_left[row]))
+            response_noise = SegmentNoise(spectrum, zeros, grid.samples)
+            rows.append((number, response_noise, smooth[row], squares_left[row]))
 
     def wider_psd(noise: SegmentNoise, power: FloatArray, error: float) -> FloatArray:
         return noise.spectrum.psd + error * power

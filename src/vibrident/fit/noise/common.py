@@ -158,17 +158,17 @@ def _amounts(normal: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatAr
     covariance[:, :2, :2] = inverse_normal(normal[:, :2, :2])
     amounts = (covariance @ right[..., None])[..., 0]
     limit = SIGNIFICANT_DEVIATIONS * np.sqrt(covariance[:, 1, 1])
-    alone = np.flatnonzero(~((amounts[:, 0] >= 0.0) & (amounts[:, 1] > limit)))
+    with_one_shape = np.flatnonzero(~((amounts[:, 0] >= 0.0) & (amounts[:, 1] > limit)))
     variances = 1.0 / np.maximum(
-        np.diagonal(normal[alone], axis1=1, axis2=2), MIN_SCALED_EIGENVALUE
+        np.diagonal(normal[with_one_shape], axis1=1, axis2=2), MIN_SCALED_EIGENVALUE
     )
-    explained = variances * right[alone] * np.maximum(right[alone], 0.0)
+    explained = variances * right[with_one_shape] * np.maximum(right[with_one_shape], 0.0)
     explained[:, 0] += SIGNIFICANT_DEVIATIONS**2
     shape = np.argmax(explained, axis=1)
-    rows = np.arange(len(alone))
-    amounts[alone] = 0.0
-    amounts[alone, shape] = variances[rows, shape] * right[alone, shape]
-    covariance[alone] = 0.0
-    covariance[alone, shape, shape] = variances[rows, shape]
+    rows = np.arange(len(with_one_shape))
+    amounts[with_one_shape] = 0.0
+    amounts[with_one_shape, shape] = variances[rows, shape] * right[with_one_shape, shape]
+    covariance[with_one_shape] = 0.0
+    covariance[with_one_shape, shape, shape] = variances[rows, shape]
     amounts = np.maximum(amounts, 0.0)
     return amounts / scale, covariance / size

@@ -72,9 +72,9 @@ class SmoothColumns:
         if width * share < 2 * DEGREES * (len(motions) + 1) + 2:
             return None
         inner = slice(1, 1 + blocks * width)
-        alone = np.ones((records * blocks, width), complex)
+        quadratic_alone = np.ones((records * blocks, width), complex)
         rows = [motion[:, inner].reshape(-1, width).copy() for motion in motions]
-        return cls(LocalColumns.from_motions([alone, *rows]), records, share)
+        return cls(LocalColumns.from_motions([quadratic_alone, *rows]), records, share)
 
     @property
     def width(self) -> int:

@@ -17,7 +17,7 @@ from vibrident.base.errors import InputError
 from vibrident.base.fields import Fields, NamedNumbers
 
 if TYPE_CHECKING:
-    from vibrident.app.workflow.made import TaskOutput
+    from vibrident.app.workflow.task_output import TaskOutput
     from vibrident.result import Result
     from vibrident.use.planning import Recording
 

@@ -44,7 +44,7 @@ needs results alone."""
 
     issues = [issued(load_result(path), certificate or []) for path in results]
     everything = [result for result, _ in issues]
-    alone = len(issues) == 1
+    is_single = len(issues) == 1
     more = _histories(results, everything, store, form)
     names = distinct_names(results)
     if form == "pdf":
@@ -52,9 +52,9 @@ needs results alone."""
     # By folder: the results of one report, its place in the folder, and its further sections.
     jobs: dict[Path, list[tuple[list[Result], str, Sequence[Section]]]] = {}
     for path, result, name, sections in zip(results, everything, names, more, strict=True):
-        subfolder = "" if folder is None or alone else name
+        subfolder = "" if folder is None or is_single else name
         jobs.setdefault(folder or path.parent, []).append(([result], subfolder, sections))
-    if not alone:
+    if not is_single:
         jobs.setdefault(folder or Path("vibrident-comparison"), []).append((everything, "", ()))
     from vibrident.show.report import write
 
