@@ -407,29 +407,44 @@ def _noise_at(end: Descended, observed: MotionAndNoise) -> tuple[Weighting, Band
     return weighting, weighting.with_nuisances(end.band).at_ringing_of(end.values)
 
 
-def minus_two_log_likelihood(groups: Sequence[GroupAt], top_hz: float = np.inf) -> float:
-    """Return Σ |R|²/S + log S over the bins of the band up to a frequency (Whittle)."""
-    total = 0.0
-    for place in groups:
-        counts = _counts(place, top_hz)
-        power = power_of(place.fitted_in_all_bins.residual) / place.group.count[:, None]
-        total += float(np.sum(counts * (power / place.psd + np.log(place.psd))))
-    return total
+def minus_two_log_likelihood(groups: Sequence[GroupAt]) -> float:
+    """Return Σ |R|²/S + log S over the bins of the band (Whittle)."""
+    return sum(
+        _minus_two_log_likelihood(place, place.group.grid.counts * place.group.grid.samples)
+        for place in groups
+    )
 
 
-def mean_minus_two_log_likelihood(groups: Sequence[GroupAt], top_hz: float = np.inf) -> float:
-    """Return −2 log of the likelihood for each number of the data up to a frequency.
+def mean_minus_two_log_likelihood(groups: Sequence[GroupAt]) -> float:
+    """Return −2 log of the likelihood for each number of the data.
 
     It compares fits of which some leave out samples.
     """
-    counts = [_counts(place, top_hz) for place in groups for _ in place.group.segments]
-    return minus_two_log_likelihood(groups, top_hz) / sum(map(np.sum, counts))
+    grids = [place.group.grid for place in groups for _ in place.group.segments]
+    numbers = sum(float(np.sum(grid.counts)) * grid.samples for grid in grids)
+    return minus_two_log_likelihood(groups) / numbers
 
 
-def _counts(place: GroupAt, top_hz: float) -> FloatArray:
-    """Return the count of real numbers in each bin, none above a frequency, shape (K,)."""
-    grid = place.group.grid
-    return grid.counts * grid.samples * (grid.frequency_hz <= top_hz)
+def mean_where_excited(groups: Sequence[GroupAt], top_hz: float) -> float:
+    """Return −2 log of the likelihood for each number in bins with motion up to a frequency.
+
+    It compares discretisations. Where only noise of the reference is seen, the one that passes
+    least of it would be the likeliest.
+    """
+    total = 0.0
+    numbers = 0.0
+    for place in groups:
+        grid = place.group.grid
+        counts = place.weight * place.psd * grid.samples * (grid.frequency_hz <= top_hz)
+        total += _minus_two_log_likelihood(place, counts)
+        numbers += float(np.sum(counts))
+    return total / numbers
+
+
+def _minus_two_log_likelihood(place: GroupAt, counts: FloatArray) -> float:
+    """Return Σ |R|²/S + log S of a group, given how often each bin counts, (K,) or (R, K)."""
+    power = power_of(place.fitted_in_all_bins.residual) / place.group.count[:, None]
+    return float(np.sum(counts * (power / place.psd + np.log(place.psd))))
 
 
 def _stated(

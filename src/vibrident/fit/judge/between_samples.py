@@ -19,7 +19,7 @@ from vibrident.base.tails import chi2_tail, f_tail
 from vibrident.data.records import SystematicEffect
 from vibrident.data.screening.held import has_stairs
 from vibrident.fit.bins.transfer import horner, transfer_of
-from vibrident.fit.descent.settle import mean_minus_two_log_likelihood
+from vibrident.fit.descent.settle import mean_where_excited
 from vibrident.fit.estimators import AUTO, Estimator
 from vibrident.fit.estimators.kinds.ipnn import Ipnn
 from vibrident.fit.group.group import Grid
@@ -65,40 +65,60 @@ def fit_between_samples(
         return _at_edges(_named(fitted)) if is_held and may_have_edges else fitted
     plain = Fitted.at_first(evidence, chosen, progress)
     networks = [Ipnn(discretisation=name) for name in REASONS]
-    if has_stairs(evidence.records) or (not plain.adequate and _may_be_broadband(evidence)):
-        return _likeliest_of_all(plain, networks)
-    plain = plain.tried_again()
-    networks = [network for network in networks if _is_worth_a_fit(plain, network)]
-    adequate = [fitted for fitted in _fits(plain, networks, plain.values) if fitted.adequate]
-    return _likeliest([plain, *adequate] if plain.adequate or not adequate else adequate)
+    may_be_broadband = has_stairs(evidence.records) or (
+        not plain.adequate and _may_be_broadband(evidence)
+    )
+    if not may_be_broadband:
+        plain = plain.tried_again()
+        networks = [network for network in networks if _is_worth_a_fit(plain, network)]
+    if not networks:
+        return plain
+    band_limited: Fitted | None = plain
+    if plain.estimate.in_noise is None:
+        # Points and samples are weighed differently: like is compared with like.
+        band_limited = _fit_near(plain, Ipnn(), plain.values)
+        if band_limited is None or band_limited.adequate:
+            return plain.tried_again()
+    compare = _likeliest_of_all if may_be_broadband else _likeliest_by_far
+    likeliest = compare(band_limited, networks)
+    if band_limited is plain or likeliest.estimator != band_limited.estimator:
+        return likeliest
+    return plain.tried_again()
 
 
-def _likeliest_of_all(plain: Fitted, networks: Sequence[Ipnn]) -> Fitted:
+def _likeliest_by_far(band_limited: Fitted, networks: Sequence[Ipnn]) -> Fitted:
+    """Return a band-limited fit, or one by a network that explains the data and is far likelier."""
+    fits = _fits(band_limited, networks, band_limited.values)
+    adequate = [fitted for fitted in fits if fitted.adequate]
+    return _likeliest([band_limited, *adequate], min_gain=-2.0 * math.log(REJECTION))
+
+
+def _likeliest_of_all(band_limited: Fitted, networks: Sequence[Ipnn]) -> Fitted:
     """Return the likeliest of a band-limited fit and the fits by networks that explain the data.
 
     Where none does, edges are put beside the samples, and then all are tried again.
     """
     # The hold turns the phase by half a sample: what explains most of the motion is near.
-    near = plain.values if plain.judgement.explained > MIN_EXPLAINED_SHARE else None
-    fits = [plain, *_fits(plain, networks, near)]
+    explains_most = band_limited.judgement.explained > MIN_EXPLAINED_SHARE
+    near = band_limited.values if explains_most else None
+    fits = [band_limited, *_fits(band_limited, networks, near)]
     if not any(fitted.adequate for fitted in fits):
-        fits = [plain, *map(_at_edges, fits[1:])]
+        fits = [band_limited, *map(_at_edges, fits[1:])]
     if not any(fitted.adequate for fitted in fits):
-        fits = [plain, *_fits(plain, networks, None)]
+        fits = [band_limited, *_fits(band_limited, networks, None)]
         fits = [fitted.tried_again() for fitted in fits]
     adequate = [fitted for fitted in fits if fitted.adequate]
     if not adequate:
         return _closest(fits)
     likeliest = _likeliest(adequate)
-    if likeliest.estimator == plain.estimator:
+    if likeliest is fits[0]:
         return likeliest
-    evidence = plain.evidence
+    evidence = band_limited.evidence
     if not evidence.model.has_delay or has_stairs(evidence.records):
         return _at_edges(likeliest)
     # A hold is half a sample of delay: where no stairs are seen, none explains as well.
-    evidence_near = replace(evidence, start=likeliest.values)
-    from_delayed = Fitted.at_first(evidence_near, plain.estimator, plain.progress)
-    return replace(from_delayed, evidence=evidence) if from_delayed.adequate else likeliest
+    from_delayed = _fit_near(band_limited, band_limited.estimator, likeliest.values)
+    return from_delayed if from_delayed is not None and from_delayed.adequate else likeliest
 
 
 def _is_drive(evidence: Evidence) -> bool:
@@ -119,14 +139,16 @@ def _may_be_broadband(evidence: Evidence) -> bool:
 def _is_worth_a_fit(fitted: Fitted, network: Ipnn) -> bool:
     """Return whether the reference may be as a network has it between the samples.
 
-    A rejected fit must explain most of the response. One that explains the data must miss what the
-    other course adds. The amount of that difference is estimated beside the parameters, to first
-    order. It is one where the course is that of the network.
+    A rejected fit must explain most of the response. Of one that explains the data the amount of
+    what the network adds is estimated beside the parameters, to first order; it must be
+    significant, and about one.
     """
     estimate = fitted.estimate
     evidence = fitted.evidence
+    judgement = fitted.judgement
     if not fitted.adequate:
-        return fitted.judgement.explained > MIN_EXPLAINED_SHARE
+        is_tested = judgement.adequacy.degrees_of_freedom > 0
+        return is_tested and judgement.explained > MIN_EXPLAINED_SHARE
     if estimate.in_noise is None:
         return False
     values = fitted.values
@@ -195,15 +217,19 @@ def _fits(
         networks: what fits them.
         start: parameters to start from; None where they are not known.
     """
-    fits = []
-    for network in networks:
-        evidence = replace(plain.evidence, start=start)
-        try:
-            fitted = Fitted.at_first(evidence, network, plain.progress)
-        except VibridentError:
-            continue
-        fits.append(_named(replace(fitted, evidence=plain.evidence)))
-    return fits
+    fits = [_fit_near(plain, network, start) for network in networks]
+    return [_named(fitted) for fitted in fits if fitted is not None]
+
+
+def _fit_near(
+    plain: Fitted, estimator: Estimator, start: Mapping[str, float] | None
+) -> Fitted | None:
+    """Return the first fit by an estimator, or None where it does not converge."""
+    try:
+        fitted = Fitted.at_first(replace(plain.evidence, start=start), estimator, plain.progress)
+    except VibridentError:
+        return None
+    return replace(fitted, evidence=plain.evidence)
 
 
 def _named(fitted: Fitted) -> Fitted:
@@ -218,10 +244,11 @@ def _named(fitted: Fitted) -> Fitted:
     return replace(fitted, evidence=evidence, reason=REASONS[estimator.discretisation])
 
 
-def _likeliest(fits: Sequence[Fitted]) -> Fitted:
+def _likeliest(fits: Sequence[Fitted], min_gain: float = 0.0) -> Fitted:
     """Return the fit in whose noise the data are likeliest, in the band that all have.
 
-    The first one if it is alone, or by points.
+    The first one if it is alone, by points, or no other gains more than ``min_gain`` in −2 log of
+    the likelihood.
     """
     if len(fits) == 1:
         return fits[0]
@@ -233,8 +260,10 @@ def _likeliest(fits: Sequence[Fitted]) -> Fitted:
         places.append(tuple(estimate.in_noise.places(estimate.z, estimate.coordinates)))
     grids = [[place.group.grid for place in groups] for groups in places]
     top_hz = min(max(float(np.max(g.frequency_hz[g.counts > 0.0])) for g in row) for row in grids)
-    scores = [mean_minus_two_log_likelihood(groups, top_hz) for groups in places]
-    return fits[int(np.argmin(scores))]
+    scores = np.array([mean_where_excited(groups, top_hz) for groups in places])
+    numbers = sum(float(np.sum(place.numbers)) for place in places[0])
+    best = int(np.argmin(scores))
+    return fits[best] if (scores[0] - scores[best]) * numbers > min_gain else fits[0]
 
 
 def _closest(fits: Sequence[Fitted]) -> Fitted:
