@@ -65,12 +65,13 @@ def fit_between_samples(
         return _at_edges(_named(fitted)) if is_held and may_have_edges else fitted
     plain = Fitted.at_first(evidence, chosen, progress)
     networks = [Ipnn(discretisation=name) for name in REASONS]
-    may_be_broadband = has_stairs(evidence.records) or (
-        not plain.adequate and _may_be_broadband(evidence)
-    )
-    if not may_be_broadband:
+    is_likely_held = has_stairs(evidence.records)
+    if not is_likely_held:
         plain = plain.tried_again()
-        networks = [network for network in networks if _is_worth_a_fit(plain, network)]
+        is_likely_held = _is_drive(evidence) and not plain.adequate
+        explains_most = plain.judgement.explained > MIN_EXPLAINED_SHARE
+        if explains_most or not is_likely_held:
+            networks = [network for network in networks if _is_worth_a_fit(plain, network)]
     if not networks:
         return plain
     band_limited: Fitted | None = plain
@@ -79,7 +80,7 @@ def fit_between_samples(
         band_limited = _fit_near(plain, Ipnn(), plain.values)
         if band_limited is None or band_limited.adequate:
             return plain.tried_again()
-    compare = _likeliest_of_all if may_be_broadband else _likeliest_by_far
+    compare = _likeliest_of_all if is_likely_held else _likeliest_by_far
     likeliest = compare(band_limited, networks)
     if band_limited is plain or likeliest.estimator != band_limited.estimator:
         return likeliest
@@ -126,31 +127,21 @@ def _is_drive(evidence: Evidence) -> bool:
     return evidence.calibration.quantity == "drive"
 
 
-def _may_be_broadband(evidence: Evidence) -> bool:
-    """Return whether the reference may have more than a band-limited signal between its samples.
-
-    It is a drive, or has motion up to half the sampling rate, as only a signal without an
-    anti-aliasing filter has: a simulated one.
-    """
-    is_aliased = any(finding.code == ALIASING for finding in evidence.findings)
-    return is_aliased or _is_drive(evidence)
-
-
 def _is_worth_a_fit(fitted: Fitted, network: Ipnn) -> bool:
     """Return whether the reference may be as a network has it between the samples.
 
-    A rejected fit must explain most of the response. Of one that explains the data the amount of
-    what the network adds is estimated beside the parameters, to first order; it must be
-    significant, and about one.
+    A rejected fit must have been tested, and explain most of the response. The amount of what the
+    network adds is estimated beside the parameters, to first order. It must be significant; where
+    the fit explains the data, that amount is one if the network is right.
     """
     estimate = fitted.estimate
     evidence = fitted.evidence
     judgement = fitted.judgement
-    if not fitted.adequate:
-        is_tested = judgement.adequacy.degrees_of_freedom > 0
-        return is_tested and judgement.explained > MIN_EXPLAINED_SHARE
-    if estimate.in_noise is None:
+    is_tested = judgement.adequacy.degrees_of_freedom > 0
+    if not (is_tested and judgement.explained > MIN_EXPLAINED_SHARE):
         return False
+    if estimate.in_noise is None:
+        return not fitted.adequate
     values = fitted.values
     count = len(estimate.z)
     products_with_all = np.zeros(count + 2)
@@ -179,8 +170,9 @@ def _is_worth_a_fit(fitted: Fitted, network: Ipnn) -> bool:
     left_information = own_information - float(shared @ with_parameters)
     if not left_information > 0.0:
         return False
-    amount = score / left_information
-    return bool(abs(amount - 1.0) < 0.5) and chi2_tail(1.0, amount * score) < REJECTION
+    amount = float(score / left_information)
+    may_be_one = not fitted.adequate or abs(amount - 1.0) < 0.5
+    return may_be_one and chi2_tail(1.0, amount * score) < REJECTION
 
 
 def _relative_change(
