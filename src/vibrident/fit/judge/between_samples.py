@@ -1,4 +1,4 @@
-"""Fit of a drive by what it does between its samples: held, joined by lines, or band-limited.
+"""Fit by the course of the reference between its samples: held, joined by lines, band-limited.
 
 A converter holds what it is commanded to; a simulation joins the samples by lines (``lsim`` of
 MATLAB and SciPy). The instants of the edges are a nuisance parameter. Of the fits that explain the
@@ -37,7 +37,7 @@ from vibrident.physics.models.state_space import realise
 
 DELAY = "delay"
 ALIASING = "aliasing"  # of motion; a commanded step has any frequency
-#: What a drive does between its samples, by the discretisation that is exact for it.
+#: Course of a reference between its samples, by the discretisation that is exact for it.
 REASONS = {
     "zoh": "the reference is held between its samples, as stairs: zero-order hold",
     "foh": "the reference is joined by lines between its samples: first-order hold",
@@ -144,8 +144,10 @@ def _is_worth_a_fit(fitted: Fitted, network: Ipnn) -> bool:
         return not fitted.adequate
     values = fitted.values
     count = len(estimate.z)
-    products_with_all = np.zeros(count + 2)
     information = np.zeros((count, count))
+    with_parameters = np.zeros(count)
+    score = 0.0
+    own_information = 0.0
     for place in estimate.in_noise.places(estimate.z, estimate.coordinates):
         grid = place.group.grid
         if not grid.driven:
@@ -155,22 +157,19 @@ def _is_worth_a_fit(fitted: Fitted, network: Ipnn) -> bool:
         except ModelError:  # this discretisation does not represent the sensor
             return False
         rows = place.rows
-        column = (rows.forced * change)[:, None]
-        column = place.group.where_used(column)
+        column = place.group.where_used((rows.forced * change)[:, None])
         column -= rows.nuisances.imitated(column)
-        root = np.sqrt(place.weight)[:, None]
-        all_columns = (
-            np.concatenate([place.jacobian, rows.residual[:, None], column], axis=1) * root
-        )
-        products_with_all += np.sum(products(column * root, all_columns), axis=(0, 1))
-        jacobian = place.jacobian * root
-        information += np.sum(products(jacobian, jacobian), axis=0)
-    *with_parameters, score, own_information = products_with_all
+        weighted = column * place.weight[:, None]
+        with_parameters += np.sum(products(weighted, place.jacobian), axis=(0, 1))
+        score += float(np.sum(products(weighted, rows.residual[:, None])))
+        own_information += float(np.sum(products(weighted, column)))
+        whitened = place.jacobian * np.sqrt(place.weight)[:, None]
+        information += np.sum(products(whitened, whitened), axis=0)
     shared = np.linalg.pinv(information, hermitian=True) @ with_parameters
     left_information = own_information - float(shared @ with_parameters)
     if not left_information > 0.0:
         return False
-    amount = float(score / left_information)
+    amount = score / left_information
     may_be_one = not fitted.adequate or abs(amount - 1.0) < 0.5
     return may_be_one and chi2_tail(1.0, amount * score) < REJECTION
 
