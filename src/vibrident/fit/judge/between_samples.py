@@ -16,14 +16,12 @@ import numpy as np
 from vibrident.base.amounts import amount
 from vibrident.base.errors import ModelError, VibridentError
 from vibrident.base.tails import chi2_tail, f_tail
-from vibrident.data.records import SystematicEffect
+from vibrident.data.records import FloatArray, SystematicEffect
 from vibrident.data.screening.held import has_stairs
 from vibrident.fit.bins.transfer import horner, transfer_of
 from vibrident.fit.descent.settle import mean_where_excited
 from vibrident.fit.estimators import AUTO, Estimator
 from vibrident.fit.estimators.kinds.ipnn import Ipnn
-from vibrident.fit.group.group import Grid
-from vibrident.fit.group.network import products
 from vibrident.fit.judge.attempts import MIN_EXPLAINED_SHARE, Fitted
 from vibrident.fit.judge.departure_report import departure_names
 from vibrident.fit.optimise import Progress
@@ -64,18 +62,19 @@ def fit_between_samples(
         may_have_edges = _is_drive(evidence) or has_stairs(evidence.records)
         return _at_edges(_named(fitted)) if is_held and may_have_edges else fitted
     plain = Fitted.at_first(evidence, chosen, progress)
+    by_points = plain.estimate.in_noise is None
     networks = [Ipnn(discretisation=name) for name in REASONS]
     is_likely_held = has_stairs(evidence.records)
     if not is_likely_held:
         plain = plain.tried_again()
-        is_likely_held = _is_drive(evidence) and not plain.adequate
+        is_likely_held = _is_drive(evidence) and not (plain.adequate or by_points)
         explains_most = plain.judgement.explained > MIN_EXPLAINED_SHARE
         if explains_most or not is_likely_held:
             networks = [network for network in networks if _is_worth_a_fit(plain, network)]
     if not networks:
         return plain
     band_limited: Fitted | None = plain
-    if plain.estimate.in_noise is None:
+    if by_points:
         # Points and samples are weighed differently: like is compared with like.
         band_limited = _fit_near(plain, Ipnn(), plain.values)
         if band_limited is None or band_limited.adequate:
@@ -134,62 +133,43 @@ def _is_worth_a_fit(fitted: Fitted, network: Ipnn) -> bool:
     network adds is estimated beside the parameters, to first order. It must be significant; where
     the fit explains the data, that amount is one if the network is right.
     """
-    estimate = fitted.estimate
-    evidence = fitted.evidence
     judgement = fitted.judgement
     is_tested = judgement.adequacy.degrees_of_freedom > 0
-    if not (is_tested and judgement.explained > MIN_EXPLAINED_SHARE):
+    rates_hz = {record.sampling_rate_hz for record in fitted.evidence.records}
+    if not is_tested or judgement.explained < MIN_EXPLAINED_SHARE or len(rates_hz) > 1:
         return False
-    if estimate.in_noise is None:
-        return not fitted.adequate
-    values = fitted.values
-    count = len(estimate.z)
-    information = np.zeros((count, count))
-    with_parameters = np.zeros(count)
-    score = 0.0
-    own_information = 0.0
-    for place in estimate.in_noise.places(estimate.z, estimate.coordinates):
-        grid = place.group.grid
-        if not grid.driven:
-            continue
-        try:
-            change = _relative_change(evidence, network.method, values, grid)
-        except ModelError:  # this discretisation does not represent the sensor
-            return False
-        rows = place.rows
-        column = place.group.where_used((rows.forced * change)[:, None])
-        column -= rows.nuisances.imitated(column)
-        weighted = column * place.weight[:, None]
-        with_parameters += np.sum(products(weighted, place.jacobian), axis=(0, 1))
-        score += float(np.sum(products(weighted, rows.residual[:, None])))
-        own_information += float(np.sum(products(weighted, column)))
-        whitened = place.jacobian * np.sqrt(place.weight)[:, None]
-        information += np.sum(products(whitened, whitened), axis=0)
-    shared = np.linalg.pinv(information, hermitian=True) @ with_parameters
-    left_information = own_information - float(shared @ with_parameters)
-    if not left_information > 0.0:
+    linear = fitted.linear
+    try:
+        change = _relative_change(fitted, network.method, linear.frequency_hz, *rates_hz)
+    except ModelError:  # this discretisation does not represent the sensor
         return False
-    amount = score / left_information
+    (row,) = linear.rows_of(change[:, None]).T
+    beside_parameters = row - linear.matrix @ linear.shift(row)
+    score = float(beside_parameters @ linear.residual)
+    information = float(beside_parameters @ row)
+    if not information > 0.0:
+        return False
+    amount = score / information
     may_be_one = not fitted.adequate or abs(amount - 1.0) < 0.5
     return may_be_one and chi2_tail(1.0, amount * score) < REJECTION
 
 
 def _relative_change(
-    evidence: Evidence, method: Method, values: Mapping[str, float], grid: Grid
+    fitted: Fitted, method: Method, frequency_hz: FloatArray, rate_hz: float
 ) -> ComplexArray:
-    """Return by which share a discretisation changes the response at the bins, shape (K,)."""
-    rational = evidence.model.rational(values, evidence.quantity)
+    """Return by which share a discretisation changes the response at frequencies, shape (n,)."""
+    evidence = fitted.evidence
+    rational = evidence.model.rational(fitted.values, evidence.quantity)
     terms = method.fixed_terms or 1
-    weights = method.weights(realise(rational), 1.0 / grid.rate_hz, 0.0, terms)
-    transfer = transfer_of(weights)
-    shifted = grid.shifted
+    transfer = transfer_of(method.weights(realise(rational), 1.0 / rate_hz, 0.0, terms))
+    shifted = np.expm1(2j * np.pi * frequency_hz / rate_hz)
     # Of a line in Legendre's terms: mean of its ends, and half their difference.
     inputs = (1.0 + 0.5 * shifted, 0.5 * shifted)[:terms] if terms > 1 else (1.0,)
     driven = sum(
         horner(column, shifted) * of_reference
         for column, of_reference in zip(transfer.numerator.T, inputs, strict=True)
     )
-    s = np.asarray(2j * np.pi * grid.frequency_hz, dtype=complex)
+    s = np.asarray(2j * np.pi * frequency_hz, dtype=complex)
     numerator, denominator = (
         horner(np.asarray(coefficients, dtype=float), s)
         for coefficients in (rational.numerator, rational.denominator)
