@@ -65,8 +65,9 @@ def fit_between_samples(
     by_points = plain.estimate.in_noise is None
     networks = [Ipnn(discretisation=name) for name in REASONS]
     is_likely_held = has_stairs(evidence.records)
-    if not is_likely_held:
+    if by_points or not is_likely_held:
         plain = plain.tried_again()
+    if not is_likely_held:
         is_likely_held = _is_drive(evidence) and not (plain.adequate or by_points)
         explains_most = plain.judgement.explained > MIN_EXPLAINED_SHARE
         if explains_most or not is_likely_held:
@@ -78,12 +79,10 @@ def fit_between_samples(
         # Points and samples are weighed differently: like is compared with like.
         band_limited = _fit_near(plain, Ipnn(), plain.values)
         if band_limited is None or band_limited.adequate:
-            return plain.tried_again()
+            return plain
     compare = _likeliest_of_all if is_likely_held else _likeliest_by_far
     likeliest = compare(band_limited, networks)
-    if band_limited is plain or likeliest.estimator != band_limited.estimator:
-        return likeliest
-    return plain.tried_again()
+    return plain if by_points and likeliest.estimator == band_limited.estimator else likeliest
 
 
 def _likeliest_by_far(band_limited: Fitted, networks: Sequence[Ipnn]) -> Fitted:
