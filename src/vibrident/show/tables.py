@@ -123,7 +123,7 @@ def parameters(result: Result) -> Table:
         *columns("value", "u", "k", "U", kind="number"),
         *columns("unit", "95 % interval", "remark"),
     )
-    notes = (one_frequency(result), per_g(result), small_signals(result))
+    notes = (one_frequency(result), between_samples(result), per_g(result), small_signals(result))
     notes += (words.COVERAGE, coverage(result).text(), interval_text(result))
     return Table(heads, tuple(rows), notes=tuple(note for note in notes if note))
 
@@ -136,6 +136,12 @@ def one_frequency(result: Result) -> str:
         return ""
     hz = frequencies.pop()
     return f"The sensitivity is that at {hz:.6g} Hz, the only frequency that was measured."
+
+
+def between_samples(result: Result) -> str:
+    """Return what the reference does between its samples; empty for a band-limited motion."""
+    choice = str(result.settings.get("estimator_choice", ""))
+    return f"{choice[:1].upper()}{choice[1:]}." if choice.startswith("the reference") else ""
 
 
 def small_signals(result: Result) -> str:

@@ -90,7 +90,8 @@ def parameter_table(result: Result) -> Table:
     )
     sensor = sensor_name(result.sensor)
     title = f"{result.model}, estimator {result.estimator}{f' · {sensor}' if sensor else ''}"
-    notes = tuple(text for text in (tables.one_frequency(result), interval_text(result)) if text)
+    notes = (tables.one_frequency(result), tables.between_samples(result), interval_text(result))
+    notes = tuple(text for text in notes if text)
     return Table(
         heads, tuple(rows), notes=notes, title=title, groups=groups, doubtful=tuple(doubtful)
     )

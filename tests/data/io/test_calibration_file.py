@@ -170,3 +170,24 @@ def test_files_that_cannot_be_read(tmp_path, refused):
     refused(lambda: read_calibration_file(tmp_path), found="a folder")
     latin = written(tmp_path, 'a = 1\nb = "µ"\n'.encode("latin-1"))
     refused(lambda: read_calibration_file(latin), problem="UTF-8", found="0xb5", where="line 2")
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("run.csv", b"time_s,a,b\n0,1,2\n"),
+        ("run.txt", b"1 2\n"),
+        ("long.csv", b"1,2\n" * 300_000),
+        ("run.wav", b"RIFF\xb5"),
+    ],
+)
+def test_a_data_file_in_place_of_a_calibration_file_is_told_what_to_write(name, content, tmp_path, refused):
+    """Its first line was called invalid TOML."""
+    (tmp_path / name).write_bytes(content)
+    error = refused(lambda: read_calibration_file(tmp_path / name), problem="data file", found=name)
+    assert f"file = '{name}' under [[records]]" in error.remedy
+
+
+def test_a_calibration_file_may_have_any_ending(tmp_path):
+    (tmp_path / "cal.txt").write_text(RECORDS)
+    assert read_calibration_file(tmp_path / "cal.txt").records

@@ -176,6 +176,7 @@ def test_a_reference_joined_by_lines_is_fitted_as_such(kind, quantity, draws):
         assert result.fit.adequate
         assert result.warning_codes == ()
         assert "joined by lines" in result.settings["estimator_choice"]
+        assert "The reference is joined by lines between its samples" in result.summary()
         for name in ("natural_frequency", "damping_ratio"):
             stated = result.parameters[name]
             z.append((stated.value - values[name]) / stated.standard_uncertainty)

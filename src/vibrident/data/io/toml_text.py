@@ -12,6 +12,7 @@ import tomli_w
 
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import require_regular, unreadable
+from vibrident.data.io.reader import by_ending
 
 #: Most characters of a calibration file: ten thousand [[records]] entries. The standard parser
 #: takes a second for it.
@@ -28,6 +29,31 @@ def read_toml(path: Path, what: str = "calibration") -> dict[str, Any]:
     kind = f"a {what} file (TOML)"
     require_regular(path, kind)
     try:
+        return _parsed(path, what)
+    except OSError as error:
+        raise unreadable(str(path), error, kind) from error
+    except InputError as error:
+        if what == "calibration" and path.suffix.lower() in by_ending():
+            raise _data_file(path, kind) from error
+        raise
+
+
+def _data_file(path: Path, kind: str) -> InputError:
+    """Return the refusal of a data file where a calibration file belongs."""
+    return InputError(
+        "This is a data file; a calibration file says what its columns mean.",
+        expected=kind,
+        found=repr(path.name),
+        where=str(path),
+        remedy="write calibration.toml beside it: column and unit under [reference] and "
+        "[response], rate_hz or time_column under [sampling], "
+        f"file = {path.name!r} under [[records]]; or drop the file on the page of `serve`",
+    )
+
+
+def _parsed(path: Path, what: str) -> dict[str, Any]:
+    """Return the keys of a file; errors as of :func:`read_toml`, and OSError."""
+    try:
         with path.open("rb") as stream:
             text = stream.read(4 * MAX_TOML_BYTES + 4).decode("utf-8-sig")
         if len(text) > MAX_TOML_BYTES or (joined := _JOINED.search(text)):
@@ -41,8 +67,6 @@ def read_toml(path: Path, what: str = "calibration") -> dict[str, Any]:
                 remedy="name data files under [[records]] file, many of them with a glob",
             )
         return tomllib.loads(text.replace("\r\n", "\n"))
-    except OSError as error:
-        raise unreadable(str(path), error, kind) from error
     except UnicodeDecodeError as error:
         raise InputError(
             f"The {what} file is not UTF-8 text.",
