@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from bench.adversary.cases import BY_NAME
 from bench.unsuited import UNSUITED
 
 import vibrident
@@ -190,3 +191,11 @@ def test_a_missing_delay_is_not_two_clocks():
     result = vibrident.identify(pair, model="accelerometer")
     assert not result.fit.adequate
     assert "clock_suspect" not in result.warning_codes
+
+
+def test_a_start_that_went_astray_is_not_two_clocks():
+    """The fit at another ratio began anew and was right; the ratio was stated with seven standard uncertainties."""
+    trial = BY_NAME["quantities/acceleration/accelerometer+mode2=0.1/shock running"].trial(135)
+    result = vibrident.identify(trial.calibration(), model=trial.model)
+    assert result.fit.adequate
+    assert result.warning_codes == ()

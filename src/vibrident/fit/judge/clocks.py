@@ -57,19 +57,30 @@ def at_one_clock(fitted: Fitted) -> Fitted:
     if settled is None:
         return fitted
     best, u = settled
-    offset = best.evidence.clock_offset
-    has_offset = (
-        best.adequate and abs(offset) > MIN_SIGMA * u and CHANGE not in departure_names(best)
-    )
-    if not known:
-        return _with_statement(best, offset, u) if has_offset else fitted
-    # Of ringing alone, two clocks and another natural frequency are one: one clock suffices there.
+    significant = abs(best.evidence.clock_offset) > MIN_SIGMA * u
+    has_offset = best.adequate and significant and CHANGE not in departure_names(best)
+    if known:
+        return _at_known_offset(fitted, best, u, has_offset)
+    if not has_offset:
+        return fitted
+    # A rejected fit may have been at a wrong place, and ε no more than another start.
+    from_best = None if fitted.adequate else _fit_at_offset(best, 0.0)
+    if from_best is not None and from_best.adequate:
+        return at_one_clock(from_best)
+    return _with_statement(best, u)
+
+
+def _at_known_offset(fitted: Fitted, best: Fitted, u: float, has_offset: bool) -> Fitted:
+    """Return the fit at an ε that was corrected before it, or at one clock where that suffices.
+
+    Of ringing alone, two clocks and another natural frequency are one.
+    """
     at_no_offset = _fit_at_one_clock(best)
     may_state = math.isfinite(u) and not best.judgement.shares.lacking
     if at_no_offset is None:
-        return _with_statement(best, offset, u) if may_state else fitted
+        return _with_statement(best, u) if may_state else fitted
     if may_state and not _suffices(at_no_offset, best, has_offset):
-        return _with_statement(best, offset, u)
+        return _with_statement(best, u)
     return at_one_clock(at_no_offset)
 
 
@@ -225,9 +236,10 @@ def _offset_step(fitted: Fitted) -> tuple[float, float] | None:
     return change, abs(change) / math.sqrt(score.statistic)
 
 
-def _with_statement(fitted: Fitted, offset: float, u: float) -> Fitted:
+def _with_statement(fitted: Fitted, u: float) -> Fitted:
     """Return the fit with the warning of two clocks, and ε's uncertainty in the budget."""
     evidence = fitted.evidence
+    offset = evidence.clock_offset
     text = (
         f"The clocks of reference and response differ: the intervals of the response are "
         f"1 + ε times those of the reference, ε = {_format_with_u(offset, u)}. The response was "
