@@ -128,9 +128,8 @@ def _is_drive(evidence: Evidence) -> bool:
 def _is_worth_a_fit(fitted: Fitted, network: Ipnn) -> bool:
     """Return whether the reference may be as a network has it between the samples.
 
-    A rejected fit must have been tested, and explain most of the response. The amount of what the
-    network adds is estimated beside the parameters, to first order. It must be significant; where
-    the fit explains the data, that amount is one if the network is right.
+    The fit must have been tested, and explain most of the response. What the network adds is
+    estimated beside the parameters, to first order, and must be significant.
     """
     judgement = fitted.judgement
     is_tested = judgement.adequacy.degrees_of_freedom > 0
@@ -148,9 +147,7 @@ def _is_worth_a_fit(fitted: Fitted, network: Ipnn) -> bool:
     information = float(beside_parameters @ row)
     if not information > 0.0:
         return False
-    amount = score / information
-    may_be_one = not fitted.adequate or abs(amount - 1.0) < 0.5
-    return may_be_one and chi2_tail(1.0, amount * score) < REJECTION
+    return chi2_tail(1.0, score**2 / information) < REJECTION
 
 
 def _relative_change(
