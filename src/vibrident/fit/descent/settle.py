@@ -438,7 +438,7 @@ def mean_where_excited(groups: Sequence[GroupAt], top_hz: float) -> float:
         counts = place.weight * place.psd * grid.samples * (grid.frequency_hz <= top_hz)
         total += _minus_two_log_likelihood(place, counts)
         numbers += float(np.sum(counts))
-    return total / numbers
+    return total / max(numbers, np.finfo(float).tiny)  # no bin may have motion
 
 
 def _minus_two_log_likelihood(place: GroupAt, counts: FloatArray) -> float:

@@ -226,7 +226,7 @@ def _likeliest(fits: Sequence[Fitted], min_gain: float = 0.0) -> Fitted:
             return fits[0]
         places.append(tuple(estimate.in_noise.places(estimate.z, estimate.coordinates)))
     grids = [[place.group.grid for place in groups] for groups in places]
-    top_hz = min(max(float(np.max(g.frequency_hz[g.counts > 0.0])) for g in row) for row in grids)
+    top_hz = min(max(np.max(g.frequency_hz * (g.counts > 0.0)) for g in row) for row in grids)
     scores = np.array([mean_where_excited(groups, top_hz) for groups in places])
     numbers = sum(float(np.sum(place.numbers)) for place in places[0])
     best = int(np.argmin(scores))
