@@ -43,11 +43,11 @@ settings.load_profile("vibrident")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Mark tests by their durations; the process that reports them learns these, and not its workers."""
+    """Mark units; in a quick run, the process that reports tests learns how long they took."""
     if config.pluginmanager.has_plugin("cacheprovider"):
-        learns = not hasattr(config, "workerinput")
-        only_units = "unit" in config.option.markexpr
-        config.pluginmanager.register(UnitMark(config.cache, learns=learns, only_units=only_units))
+        is_quick = "unit" in config.option.markexpr
+        is_worker = hasattr(config, "workerinput")
+        config.pluginmanager.register(UnitMark(config.cache, is_quick=is_quick, is_worker=is_worker))
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

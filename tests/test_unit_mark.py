@@ -1,4 +1,4 @@
-"""The mark ``unit``: what is fast by earlier runs, or has never run, as much as the time of a quick run allows."""
+"""The mark ``unit``: what was short in quick runs, or has never run in one, while time allows."""
 
 from __future__ import annotations
 
@@ -6,7 +6,14 @@ from types import SimpleNamespace
 
 import pytest
 from tests.support import unit_mark
-from tests.support.unit_mark import CACHE_KEY, MAX_ROOM_S, MAX_UNKNOWN_S, NEVER_TIMED, OVERHEAD_S, UNKNOWN_S, UnitMark
+from tests.support.unit_mark import (
+    CACHE_KEY,
+    MAX_PROCESS_S,
+    MAX_ROOM_S,
+    OUT_OF_TIME,
+    OVERHEAD_S,
+    UnitMark,
+)
 
 
 class Cache(dict):
@@ -16,91 +23,103 @@ class Cache(dict):
         self[key] = value
 
 
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock that tests set."""
+    clock = SimpleNamespace(s=100.0)
+    monkeypatch.setattr(unit_mark.time, "monotonic", lambda: clock.s)
+    return clock
+
+
 def item(name, *, slow=False):
     marks = []
     return SimpleNamespace(nodeid=name, marks=marks, add_marker=marks.append, get_closest_marker=lambda _: slow)
 
 
-def report(name, when, duration, skipped=None):
-    return SimpleNamespace(nodeid=name, when=when, duration=duration, skipped=bool(skipped), longrepr=skipped)
+def report(name, when, duration, longrepr=None):
+    return SimpleNamespace(nodeid=name, when=when, duration=duration, longrepr=longrepr)
+
+
+def learn(cache, *reports, **kwargs):
+    plugin = UnitMark(cache, **{"is_quick": True, **kwargs})
+    for each in reports:
+        plugin.pytest_runtest_logreport(report(*each))
+    plugin.pytest_sessionfinish()
 
 
 def marked(cache, *names):
     items = [item(name) for name in names]
     UnitMark(cache).pytest_collection_modifyitems(items)
-    return [one.nodeid for one in items if one.marks]
+    return [each.nodeid for each in items if each.marks]
 
 
-def test_the_shortest_duration_counts_and_setups_count_for_their_whole_file():
+def test_the_last_quick_run_counts_with_what_the_test_sets_up_and_without_one_any_other():
     cache = Cache()
-    plugin = UnitMark(cache)
-    for name, when, duration in (
-        ("a.py::fast", "call", 3.0),  # paid for what is loaded once
+    learn(cache, ("a.py::fast", "call", 3.0))
+    learn(
+        cache,
+        ("a.py::fast", "setup", 0.0),
         ("a.py::fast", "call", 0.1),
         ("a.py::slow", "call", 0.3),
         ("b.py::first", "setup", 2.0),
         ("b.py::first", "call", 0.0),
-        ("b.py::second", "call", 0.0),
-    ):
-        plugin.pytest_runtest_logreport(report(name, when, duration))
-    plugin.pytest_sessionfinish()
+        ("b.py::first", "teardown", 9.0),
+    )
+    learn(cache, ("a.py::slow", "call", 0.0), ("b.py::second", "call", 0.3), is_quick=False)
     assert set(cache) == {CACHE_KEY}
     names = ("a.py::fast", "a.py::slow", "a.py::new", "b.py::first", "b.py::second")
     assert marked(cache, *names) == ["a.py::fast", "a.py::new"]
 
 
-def test_of_a_room_the_shortest_are_marked_as_long_as_their_work_fits_a_quick_run():
+def test_the_shortest_of_each_room_are_marked_until_their_work_fills_a_quick_run():
     cache = Cache()
-    plugin = UnitMark(cache)
-    names = [f"tests/{room}/a.py::{number}" for room in ("data", "fit") for number in range(100)]
-    for name in names:
-        plugin.pytest_runtest_logreport(report(name, "setup", 0.01))
-        plugin.pytest_runtest_logreport(report(name, "call", 0.15 if name.endswith("7") else 0.098))
-    plugin.pytest_sessionfinish()
-    at_most = int(MAX_ROOM_S / (0.01 + 0.098 + OVERHEAD_S))
-    assert at_most < 90, "those that are not the shortest would be taken too"
-    assert len(marked(cache, *names[:100])) == at_most
+    rooms = ("data", "fit")
+    names = [f"tests/{room}/a.py::{number}" for room in rooms for number in range(100)]
+    learn(cache, *((name, "setup", 0.01) for name in names))
+    learn(cache, *((name, "call", 0.15 if name.endswith("7") else 0.098) for name in names))
+    most = int(MAX_ROOM_S / (0.01 + 0.098 + OVERHEAD_S))
+    assert most < 90, "those that are not the shortest would be taken too"
+    assert len(marked(cache, *names[:100])) == most
     assert not [name for name in marked(cache, *names) if name.endswith("7")]
-    assert len(marked(cache, *names)) == 2 * at_most
+    assert len(marked(cache, *names)) == 2 * most
 
 
-def test_what_was_never_timed_gets_half_of_a_run_and_what_is_slow_or_skips_itself_nothing_of_it():
+def test_slow_tests_are_no_units_and_known_ones_start_first_in_the_order_of_their_files():
     cache = Cache()
-    plugin = UnitMark(cache)
-    known, new = ([f"tests/data/{file}.py::{number}" for number in range(1000)] for file in ("known", "new"))
-    for name in known:
-        plugin.pytest_runtest_logreport(report(name, "call", 0.01))
-    plugin.pytest_runtest_logreport(report(new[0], "setup", 0.0, skipped="Skipped: needs an extra"))
-    plugin.pytest_runtest_logreport(report(new[1], "setup", 0.0, skipped=f"Skipped: {NEVER_TIMED}"))
-    plugin.pytest_sessionfinish()
-    slow = [item(f"tests/data/slow.py::{number}", slow=True) for number in range(1000)]
-    items = [*slow, *map(item, known + new)]
-    UnitMark(cache).pytest_collection_modifyitems(items)
-    chosen = [one.nodeid for one in items if one.marks]
-    first = [name for name in chosen if name in new]
-    assert first == new[: len(first)]
-    half = MAX_ROOM_S / 2
-    assert len(first) == pytest.approx(half / UNKNOWN_S, abs=2)
-    assert len(chosen) - len(first) == pytest.approx(half / (0.01 + OVERHEAD_S), abs=2)
-    assert set(chosen) <= {*known, *new}
+    learn(cache, ("tests/fit/b.py::first", "call", 0.1), ("tests/fit/b.py::second", "call", 0.05))
+    slow = item("tests/fit/a.py::slow", slow=True)
+    names = ("tests/fit/a.py::new", "tests/fit/b.py::first", "tests/fit/b.py::second")
+    items = [slow, *map(item, names)]
+    UnitMark(cache, is_quick=True).pytest_collection_modifyitems(items)
+    assert not slow.marks
+    assert [each.nodeid for each in items if each.marks] == [*names[1:], names[0]]
 
 
-def test_a_run_of_units_starts_what_was_never_timed_for_some_seconds_alone(monkeypatch):
-    clock = iter([10.0, 10.0 + MAX_UNKNOWN_S, 10.1 + MAX_UNKNOWN_S])
-    monkeypatch.setattr(unit_mark.time, "monotonic", lambda: next(clock))
-    cache = Cache({CACHE_KEY: {"call": {"a.py::known": 0.1}}})
-    plugin = UnitMark(cache, only_units=True)
-    plugin.pytest_runtest_setup(item("a.py::first"))
-    plugin.pytest_runtest_setup(item("a.py::second"))
-    with pytest.raises(pytest.skip.Exception, match="never timed"):
-        plugin.pytest_runtest_setup(item("a.py::third"))
-    plugin.pytest_runtest_setup(item("a.py::known"))
-    UnitMark(cache).pytest_runtest_setup(item("a.py::third"))  # a run of all tests skips nothing
+def test_a_quick_run_skips_what_starts_after_its_seconds_and_learns_nothing_of_it(clock):
+    cache = Cache()
+    quick, whole = UnitMark(cache, is_quick=True), UnitMark(cache)
+    for plugin in (quick, whole):
+        plugin.pytest_collection_modifyitems([item("tests/fit/a.py::1"), item("tests/data/a.py::1")])
+    clock.s += 2 * MAX_PROCESS_S  # of two rooms
+    quick.pytest_runtest_setup()
+    clock.s += 0.1
+    with pytest.raises(pytest.skip.Exception, match=OUT_OF_TIME):
+        quick.pytest_runtest_setup()
+    whole.pytest_runtest_setup()
+    learn(cache, ("a.py::late", "setup", 0.0, f"Skipped: {OUT_OF_TIME}"))
+    assert not cache[CACHE_KEY]
 
 
-def test_a_worker_marks_and_learns_nothing():
-    cache = Cache({CACHE_KEY: {"call": {"a.py::slow": 0.3}}})
-    plugin = UnitMark(cache, learns=False)
-    plugin.pytest_runtest_logreport(report("a.py::fast", "call", 3.0))
-    plugin.pytest_sessionfinish()
-    assert marked(cache, "a.py::fast", "a.py::slow") == ["a.py::fast"]
+def test_of_runs_of_all_tests_the_shortest_counts():
+    cache = Cache()
+    learn(cache, ("a.py::fast", "call", 3.0), is_quick=False)  # paid for what is made once
+    assert not marked(cache, "a.py::fast")
+    learn(cache, ("a.py::fast", "call", 0.1), is_quick=False)
+    learn(cache, ("a.py::fast", "call", 3.0), is_quick=False)
+    assert marked(cache, "a.py::fast")
+
+
+def test_workers_learn_nothing():
+    cache = Cache()
+    learn(cache, ("a.py::fast", "call", 3.0), is_worker=True)
+    assert not cache
