@@ -12,7 +12,6 @@ from vibrident.base.errors import InputError, NotConverged
 from vibrident.data.records import FloatArray
 from vibrident.fit.descent.in_noise import iterate
 from vibrident.fit.descent.settle import (
-    MAX_CHANCE_OF_LIKELIER,
     MAX_START_COST,
     START_TOLERANCE,
     Descended,
@@ -20,6 +19,7 @@ from vibrident.fit.descent.settle import (
     descend,
     in_own_noise,
     mean_minus_two_log_likelihood,
+    minus_two_log_likelihood,
     settle,
 )
 from vibrident.fit.descent.weighting import SegmentNoise, Weighting
@@ -51,10 +51,12 @@ STARTS = 4
 MAX_EXPLAINED_COST = 30.0
 #: A delay at which motion is heard in less than this fraction of the bins of another is not tried.
 MIN_HEARD_FRACTION = 0.5
-#: Ends of descents that are compared, each in its own noise.
-MAX_RIVALS = 2
 #: Starts that settle, of all that compete in their own noise.
 MAX_SETTLED = 4
+#: Searches in the noise of an estimate, each in that of the last …
+SEARCHES_IN_OWN_NOISE = 5
+#: … while −2 log of the likelihood of each number falls by more.
+MIN_GAIN = 1e-3
 #: Rounds that estimate the relative error of such a model.
 MODEL_ERROR_ROUNDS = 2
 
@@ -93,7 +95,8 @@ def train_anew(evidence: Evidence, method: Method, progress: Progress) -> Settle
 
     Noise that is known without a model may be far too high, as beside a resonance narrower than a
     bin: a wrong place then seems to explain the records. Here the places of the grid at all delays
-    compete, and the ends of descents from them. Arguments and errors are those of :func:`train`.
+    compete, and the ends of descents from them; the grid is searched again in the noise at the
+    likeliest. Arguments and errors are those of :func:`train`.
     """
     candidates: list[tuple[float, Descended, _Descents]] = []
     for band, observed in _observations(evidence, method):
@@ -113,16 +116,61 @@ def train_anew(evidence: Evidence, method: Method, progress: Progress) -> Settle
             score = mean_minus_two_log_likelihood(in_own.at.groups)
             candidates.append((score, end, descents))
     candidates.sort(key=lambda candidate: candidate[0])
-    settled: list[Settled] = []
+    settled: list[tuple[float, Settled, _Descents]] = []
     for _, end, descents in candidates[:MAX_SETTLED]:
         try:
             estimate = settle(end, descents.survey.observed, descents.weighting, progress)
         except NO_FIT:
             continue
-        settled.append(estimate)
+        score = mean_minus_two_log_likelihood(estimate.places)
+        settled.append((score, estimate, descents))
     if not settled:
         raise NotConverged(NOT_FINITE)
-    return min(settled, key=lambda estimate: mean_minus_two_log_likelihood(estimate.places))
+    _, best, descents = min(settled, key=lambda scored: scored[0])
+    return _searched_in_own_noise(evidence, best, descents, progress)
+
+
+def _searched_in_own_noise(
+    evidence: Evidence, best: Settled, descents: _Descents, progress: Progress
+) -> Settled:
+    """Return the likeliest estimate of searches, each in the noise that the last one left.
+
+    V in the noise that is read at a place, with the logarithm of that noise, bounds −2 log of the
+    likelihood of any other place from above: where V is lower, the likelihood is higher (majorise
+    and minimise; Hunter & Lange 2004).
+    """
+    observed = descents.survey.observed
+    factor_values = descents.survey.band.problem.frame.factor_values
+    score = mean_minus_two_log_likelihood(best.places)
+    weighting = best.weighting
+    band = best.band
+    likeliest: Descended | None = None
+    for _ in range(SEARCHES_IN_OWN_NOISE):
+        band = band.at_factors_of(factor_values)
+        weighting = weighting.in_all_bins()
+        survey = _Survey(band, replace(observed, weights=_weights(band, weighting)))
+        try:
+            ends = _descended(evidence, survey, weighting, survey.places, progress, all_starts=True)
+            noises = [in_own_noise(end, observed) for end in ends]
+        except NO_FIT:
+            break
+        scores = [mean_minus_two_log_likelihood(end.at.groups) for _, end in noises]
+        place = int(np.argmin(scores))
+        if not scores[place] < score - MIN_GAIN:
+            break
+        arrived = likeliest is not None and _squared_distance(ends[place], likeliest) < 1.0
+        weighting, likeliest = noises[place]
+        if arrived:
+            break
+        score = scores[place]
+        band = likeliest.band
+    if likeliest is None:
+        return best
+    try:
+        estimate = settle(likeliest, observed, weighting, progress)
+    except NO_FIT:
+        return best
+    return min(best, estimate, key=lambda settled: mean_minus_two_log_likelihood(settled.places))
 
 
 def _observations(evidence: Evidence, method: Method) -> Iterator[tuple[Band, MotionAndNoise]]:
@@ -249,15 +297,21 @@ class _Descents:
 
     @property
     def rivals(self) -> list[Descended]:
-        """Return the best descent, and the next where the noise without a model prefers neither."""
+        """Return the best descent, and the likeliest of the others, each in its own noise.
+
+        Noise that is known without a model may be too low where it is steep, and prefer what
+        follows it.
+        """
         best = self.best
-        limit = best.score - 2.0 * np.log(MAX_CHANCE_OF_LIKELIER)
-        next_ends = [
-            end
-            for end in sorted(self.ends, key=lambda end: end.score)
-            if end.score < limit and _squared_distance(end, best) > 4.0 * START_TOLERANCE
-        ]
-        return [best, *next_ends[: MAX_RIVALS - 1]]
+        distant = [end for end in self.ends if _squared_distance(end, best) > 4.0 * START_TOLERANCE]
+        if not distant:
+            return [best]
+        try:
+            in_noise = [in_own_noise(end, self.survey.observed)[1] for end in distant]
+        except NO_FIT:
+            return [best]
+        likelihoods = [minus_two_log_likelihood(end.at.groups) for end in in_noise]
+        return [best, distant[int(np.argmin(likelihoods))]]
 
     @property
     def cost_per_number(self) -> float:

@@ -65,6 +65,18 @@ class Weighting:
         """Return the noise of a segment; another delay may have added one, which is as the last."""
         return self.segments[min(number, len(self.segments) - 1)]
 
+    def in_all_bins(self) -> Weighting:
+        """Return the same noise where every bin counts, as if each showed motion."""
+        return Weighting(
+            {
+                number: replace(
+                    noise,
+                    spectrum=replace(noise.spectrum, excited=np.ones_like(noise.spectrum.excited)),
+                )
+                for number, noise in self.segments.items()
+            }
+        )
+
     def of_groups(self, band: Band) -> list[GroupWeights]:
         """Return the weights of each group."""
         weights = []

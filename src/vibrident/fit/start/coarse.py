@@ -42,17 +42,26 @@ class CoarseRows:
         bins: the segments.
         weight: in the noise of the response, shape (R, K), zero where a row has fewer bins.
         reference: noise of the reference over that of the response, per |H|², shape (R, K).
+        counts: how often each bin counts where there is noise of the reference, shape (R, K).
         frequency_hz: shape (R, K).
     """
 
     bins: Bins
     weight: FloatArray
     reference: FloatArray
+    counts: FloatArray
     frequency_hz: FloatArray
 
     def weight_at(self, through: FloatArray) -> FloatArray:
         """Return the weights in the noise of both channels, given |H|², shape (…, R, K)."""
         return np.asarray(self.weight / (1.0 + self.reference * through))
+
+    def log_noise_at(self, through: FloatArray) -> FloatArray:
+        """Return by how much noise of the reference raises −2 log likelihood, given |H|², (…,).
+
+        A place that passes more of it has smaller weights, and would seem to fit better.
+        """
+        return np.sum(self.counts * np.log1p(self.reference * through), axis=(-2, -1))
 
     def freed(
         self,
@@ -111,6 +120,7 @@ class _Row(NamedTuple):
         response: its transform, with omitted samples filled in, shape (K,).
         weight: of the bins in the noise of the response, shape (K,).
         reference: noise of the reference over that of the response, per |H|², shape (K,).
+        counts: how often each bin counts where there is noise of the reference, shape (K,).
         information: power of the response over its noise, shape (K,).
         bins: those chosen.
     """
@@ -120,6 +130,7 @@ class _Row(NamedTuple):
     response: ComplexArray
     weight: FloatArray
     reference: FloatArray
+    counts: FloatArray
     information: FloatArray
     bins: NDArray[np.int_]
 
@@ -130,11 +141,13 @@ class _Noise(NamedTuple):
     Attributes:
         weight: in the noise of the response, shape (R, K).
         reference: noise of the reference over that of the response, per |H|², shape (R, K).
+        counts: how often each bin counts where there is noise of the reference, shape (R, K).
         share: the same, passed by the |H|² that the records show, shape (R, K).
     """
 
     weight: FloatArray
     reference: FloatArray
+    counts: FloatArray
     share: FloatArray
 
 
@@ -142,10 +155,11 @@ def _noise_in(group: Group, observed: MotionAndNoise) -> _Noise:
     """Return the noise of a group; a weight that was given is that in all noise."""
     weight = observed.weights_in(group)
     if observed.weights:
-        return _Noise(weight, np.zeros_like(weight), np.zeros_like(weight))
+        zeros = np.zeros_like(weight)
+        return _Noise(weight, zeros, zeros, zeros)
     levels = observed.levels_in(group)
     reference = levels.reference / np.maximum(levels.response, np.finfo(float).tiny)
-    return _Noise(weight, reference, reference * levels.passed)
+    return _Noise(weight, reference, weight * levels.response, reference * levels.passed)
 
 
 def coarse_rows(band: Band, observed: MotionAndNoise) -> list[CoarseRows]:
@@ -161,6 +175,7 @@ def coarse_rows(band: Band, observed: MotionAndNoise) -> list[CoarseRows]:
             response[: group.grid.bins],
             noise.weight[row],
             noise.reference[row],
+            noise.counts[row],
             power_of(response[: group.grid.bins]) * noise.weight[row] / (1.0 + noise.share[row]),
             np.arange(0),
         )
@@ -175,6 +190,7 @@ def coarse_rows(band: Band, observed: MotionAndNoise) -> list[CoarseRows]:
                 group,
                 noise.weight,
                 noise.reference,
+                noise.counts,
                 np.broadcast_to(group.grid.frequency_hz, noise.weight.shape),
             )
             for group, noise in zip(band.groups, noises, strict=True)
@@ -221,6 +237,7 @@ def _joined(rows: Sequence[_Row]) -> CoarseRows:
     fixed_nuisances = np.zeros((count, columns, width), complex)
     weight = np.zeros((count, width))
     reference = np.zeros((count, width))
+    counts = np.zeros((count, width))
     frequency_hz = np.ones((count, width))
     for place, row in enumerate(rows):
         size = len(row.bins)
@@ -233,8 +250,9 @@ def _joined(rows: Sequence[_Row]) -> CoarseRows:
         ]
         weight[place, :size] = row.weight[row.bins]
         reference[place, :size] = row.reference[row.bins]
+        counts[place, :size] = row.counts[row.bins]
         frequency_hz[place, :size] = row.group.grid.frequency_hz[row.bins]
     joined = Bins(
         first.step, inputs, response, shifted, fixed_nuisances, first.edges, first.aliased
     )
-    return CoarseRows(joined, weight, reference, frequency_hz)
+    return CoarseRows(joined, weight, reference, counts, frequency_hz)

@@ -216,16 +216,22 @@ class GridSearch:
             DiscreteTransfer(*(array[usable] for array in network)) for network in networks
         ]
         weights = [rows.weight[:, None] for rows in self.rows]
+        log_noise = np.zeros(len(tried))
         if any(np.any(rows.reference) for rows in self.rows):
-            weights = self._weights(tried)
+            weights, log_noise = self._weights(tried)
         fitted = self._fitted(finite_networks, tried, weights)
+        fitted.cost[:] += log_noise
         for array, values in zip(scores, fitted, strict=True):
             array[usable] = values
         scores.delay_s[:] += float(self.band.problem.frame.delay_s)
         return scores
 
-    def _weights(self, trials: Sequence[Mapping[str, float]]) -> list[FloatArray]:
+    def _weights(
+        self, trials: Sequence[Mapping[str, float]]
+    ) -> tuple[list[FloatArray], FloatArray]:
         """Return the weights of each place in the noise of both channels, shape (R, G, K) each.
+
+        With them: what that noise adds to −2 log likelihood, shape (G,).
 
         The gain by which noise of the reference passes is the median size of response over forced
         response.
@@ -248,10 +254,15 @@ class GridSearch:
             ratio = np.divide(response, forced, out=np.zeros_like(forced), where=forced > 0.0)
             ratios.append(ratio)
         gain_squared = np.median(np.concatenate(ratios, axis=1), axis=1)[:, None, None]
-        return [
-            rows.weight_at(gain_squared * power).swapaxes(0, 1)
-            for rows, power in zip(self.rows, through, strict=True)
+        passed = [gain_squared * power for power in through]
+        weights = [
+            rows.weight_at(power).swapaxes(0, 1)
+            for rows, power in zip(self.rows, passed, strict=True)
         ]
+        log_noise = [
+            rows.log_noise_at(power) for rows, power in zip(self.rows, passed, strict=True)
+        ]
+        return weights, np.sum(log_noise, axis=0)
 
     def _fitted(
         self,

@@ -105,10 +105,21 @@ class CoarseDescent:
             )
         except (NotConverged, np.linalg.LinAlgError):
             return candidate
-        end = objective(trace.last, None)
-        values = coordinates.values(trace.last)
-        score = float(laplace_score(end.cost, end.matrix))
-        return StartCandidate(score, self._with_excess(values, candidate))
+        values = self._with_excess(coordinates.values(trace.last), candidate)
+        return StartCandidate(self._score(values), values)
+
+    def _score(self, values: Mapping[str, float]) -> float:
+        """Return −2 log of the likelihood of the data (Laplace), in the noise at these values."""
+        end = StartCandidate(np.inf, dict(values))
+        coordinates = self._coordinates(values)
+        local = _local(self.band, self._turned(end), coordinates, coordinates.first)
+        log_noise = sum(float(rows.log_noise_at(self._through(rows, values))) for rows in self.rows)
+        return float(laplace_score(local.cost, local.matrix)) + log_noise
+
+    def _through(self, rows: CoarseRows, values: Mapping[str, float]) -> FloatArray:
+        """Return |H|² by which noise of the reference passes, shape (R, K)."""
+        quantity = self.band.problem.frame.quantity
+        return power_of(self.band.model.frequency_response(values, rows.frequency_hz, quantity))
 
     def _coordinates(self, values: Mapping[str, float]) -> Coordinates:
         """Return coordinates around values, with the delay of the inputs."""
@@ -121,14 +132,11 @@ class CoarseDescent:
         They are weighted in the noise of both channels there.
         """
         angle = 2j * np.pi * self._excess_s(candidate)
-        model = self.band.model
-        quantity = self.band.problem.frame.quantity
         turned_rows = []
         for rows in self.rows:
             weight = rows.weight
             if np.any(rows.reference):
-                h = model.frequency_response(candidate.values, rows.frequency_hz, quantity)
-                weight = rows.weight_at(power_of(h))
+                weight = rows.weight_at(self._through(rows, candidate.values))
             response = rows.bins.response * np.exp(angle * rows.frequency_hz)
             bins = replace(rows.bins, response=response)
             turned_rows.append(replace(rows, bins=bins, weight=weight))
