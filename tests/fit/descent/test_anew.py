@@ -25,6 +25,17 @@ STEEP_NOISE = "clean/above-light+mode2=0.01/sweep/1/f 0.3 %"
 LOUD_REFERENCE = "noises/strong white, response pink/displacement/burst running"
 
 
+DELAYED = (
+    "accelerometer+delay",
+    {
+        "sensitivity": 0.1,
+        "natural_frequency": 652.1,
+        "damping_ratio": 0.05,
+        "delay": 3e-4,
+    },
+)
+
+
 def test_noise_that_is_far_too_high_without_a_model_does_not_decide():
     """Its first descent explained 5 % of the response, in line with the noise known before."""
     assert judged(BY_NAME[LOUD_REFERENCE].trial(102))["class"] == "right"
@@ -48,17 +59,8 @@ def settled(calibration, trained=train):
 
 def test_the_likelihood_for_each_number_knows_no_unit():
     """Fits at other delays leave out other samples: sums over all of them would depend on it."""
-    sensor = (
-        "accelerometer+delay",
-        {
-            "sensitivity": 0.1,
-            "natural_frequency": 652.1,
-            "damping_ratio": 0.05,
-            "delay": 3e-4,
-        },
-    )
     clean = simulate(
-        sensor,
+        DELAYED,
         "random",
         frequencies_hz=[20.0, 3000.0],
         sampling_rate_hz=20_000.0,
@@ -84,6 +86,30 @@ def test_suited_data_have_the_same_estimate_from_all_starts():
     shift = first.coordinates.place(again.coordinates.values(again.z)) - first.z
     # As near as two descents that end at one bottom.
     assert np.max(np.square(shift / u)) < 4.0 * START_TOLERANCE
+
+
+def test_records_with_omitted_samples_and_a_delay_are_searched_again_where_they_were_filled_in():
+    """Another delay has other segments: what was filled in does not have their length."""
+    clean = simulate(
+        DELAYED,
+        "random",
+        frequencies_hz=[20.0, 3000.0],
+        sampling_rate_hz=20_000.0,
+        samples=3000,
+        repeats=2,
+        seed=1,
+    )
+    calibration = with_noise(clean, response_noise=0.01, seed=2)
+    records = []
+    for record in calibration.records:
+        valid = np.ones(record.samples, dtype=bool)
+        valid[1200:1230] = False
+        response = np.where(valid, record.response, 0.0)
+        records.append(replace(record, response=response, valid=valid))
+    again = settled(replace(calibration, records=tuple(records)), train_anew)
+    u = np.sqrt(np.diag(again.covariance))
+    distance = again.coordinates.place(dict(DELAYED[1])) - again.z
+    assert np.max(np.abs(distance / u)) < 4.0
 
 
 def test_a_delay_at_which_nothing_fits_ends_no_search(monkeypatch):

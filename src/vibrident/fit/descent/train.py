@@ -148,7 +148,8 @@ def _searched_in_own_noise(
     for _ in range(SEARCHES_IN_OWN_NOISE):
         band = band.at_factors_of(factor_values)
         weighting = weighting.in_all_bins()
-        survey = _Survey(band, replace(observed, weights=_weights(band, weighting)))
+        moved = observed.moved(descents.survey.band, band)
+        survey = _Survey(band, replace(moved, weights=_weights(band, weighting)))
         try:
             ends = _descended(evidence, survey, weighting, survey.places, progress, all_starts=True)
             noises = [in_own_noise(end, observed) for end in ends]
