@@ -43,7 +43,7 @@ settings.load_profile("vibrident")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Mark units; in a quick run, the process that reports tests learns how long they took."""
+    """Mark units; the process that reports tests learns how long they took, its workers do not."""
     if config.pluginmanager.has_plugin("cacheprovider"):
         is_quick = "unit" in config.option.markexpr
         is_worker = hasattr(config, "workerinput")

@@ -23,17 +23,7 @@ from vibrident.physics.simulation import simulate, with_noise
 NO_SHARE_SEEN = "clean/below-light+delay=300/sweep/growing 0.5 %"
 STEEP_NOISE = "clean/above-light+mode2=0.01/sweep/1/f 0.3 %"
 LOUD_REFERENCE = "noises/strong white, response pink/displacement/burst running"
-
-
-DELAYED = (
-    "accelerometer+delay",
-    {
-        "sensitivity": 0.1,
-        "natural_frequency": 652.1,
-        "damping_ratio": 0.05,
-        "delay": 3e-4,
-    },
-)
+SENSOR = {"sensitivity": 0.1, "natural_frequency": 652.1, "damping_ratio": 0.05, "delay": 3e-4}
 
 
 def test_noise_that_is_far_too_high_without_a_model_does_not_decide():
@@ -51,6 +41,20 @@ def test_of_two_ends_the_likelier_in_its_own_noise_is_the_estimate():
     assert judged(BY_NAME[STEEP_NOISE].trial(135))["class"] == "right"
 
 
+def delayed(samples):
+    """Return two noisy records of a sensor with a delay."""
+    clean = simulate(
+        ("accelerometer+delay", SENSOR),
+        "random",
+        frequencies_hz=[20.0, 3000.0],
+        sampling_rate_hz=20_000.0,
+        samples=samples,
+        repeats=2,
+        seed=1,
+    )
+    return with_noise(clean, response_noise=0.01, seed=2)
+
+
 def settled(calibration, trained=train):
     """Return an estimate of the network."""
     evidence = Evidence.gather(calibration, model_of(calibration, None))
@@ -59,16 +63,7 @@ def settled(calibration, trained=train):
 
 def test_the_likelihood_for_each_number_knows_no_unit():
     """Fits at other delays leave out other samples: sums over all of them would depend on it."""
-    clean = simulate(
-        DELAYED,
-        "random",
-        frequencies_hz=[20.0, 3000.0],
-        sampling_rate_hz=20_000.0,
-        samples=2000,
-        repeats=2,
-        seed=1,
-    )
-    calibration = with_noise(clean, response_noise=0.01, seed=2)
+    calibration = delayed(2000)
     unit = 1e-9
     records = tuple(replace(r, response=unit * r.response) for r in calibration.records)
     plain, in_unit = (
@@ -88,18 +83,8 @@ def test_suited_data_have_the_same_estimate_from_all_starts():
     assert np.max(np.square(shift / u)) < 4.0 * START_TOLERANCE
 
 
-def test_records_with_omitted_samples_and_a_delay_are_searched_again_where_they_were_filled_in():
-    """Another delay has other segments: what was filled in does not have their length."""
-    clean = simulate(
-        DELAYED,
-        "random",
-        frequencies_hz=[20.0, 3000.0],
-        sampling_rate_hz=20_000.0,
-        samples=3000,
-        repeats=2,
-        seed=1,
-    )
-    calibration = with_noise(clean, response_noise=0.01, seed=2)
+def test_all_starts_lead_to_the_sensor_where_samples_are_omitted_beside_a_delay():
+    calibration = delayed(3000)
     records = []
     for record in calibration.records:
         valid = np.ones(record.samples, dtype=bool)
@@ -108,7 +93,7 @@ def test_records_with_omitted_samples_and_a_delay_are_searched_again_where_they_
         records.append(replace(record, response=response, valid=valid))
     again = settled(replace(calibration, records=tuple(records)), train_anew)
     u = np.sqrt(np.diag(again.covariance))
-    distance = again.coordinates.place(dict(DELAYED[1])) - again.z
+    distance = again.coordinates.place(SENSOR) - again.z
     assert np.max(np.abs(distance / u)) < 4.0
 
 

@@ -116,17 +116,16 @@ def train_anew(evidence: Evidence, method: Method, progress: Progress) -> Settle
             score = mean_minus_two_log_likelihood(in_own.at.groups)
             candidates.append((score, end, descents))
     candidates.sort(key=lambda candidate: candidate[0])
-    settled: list[tuple[float, Settled, _Descents]] = []
+    settled: list[tuple[Settled, _Descents]] = []
     for _, end, descents in candidates[:MAX_SETTLED]:
         try:
             estimate = settle(end, descents.survey.observed, descents.weighting, progress)
         except NO_FIT:
             continue
-        score = mean_minus_two_log_likelihood(estimate.places)
-        settled.append((score, estimate, descents))
+        settled.append((estimate, descents))
     if not settled:
         raise NotConverged(NOT_FINITE)
-    _, best, descents = min(settled, key=lambda scored: scored[0])
+    best, descents = min(settled, key=lambda pair: mean_minus_two_log_likelihood(pair[0].places))
     return _searched_in_own_noise(evidence, best, descents, progress)
 
 

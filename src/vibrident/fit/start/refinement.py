@@ -113,7 +113,11 @@ class CoarseDescent:
         end = StartCandidate(np.inf, dict(values))
         coordinates = self._coordinates(values)
         local = _local(self.band, self._turned(end), coordinates, coordinates.first)
-        log_noise = sum(float(rows.log_noise_at(self._through(rows, values))) for rows in self.rows)
+        log_noise = sum(
+            float(rows.log_noise_at(self._through(rows, values)))
+            for rows in self.rows
+            if np.any(rows.reference)
+        )
         return float(laplace_score(local.cost, local.matrix)) + log_noise
 
     def _through(self, rows: CoarseRows, values: Mapping[str, float]) -> FloatArray:
