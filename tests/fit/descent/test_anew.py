@@ -12,7 +12,8 @@ from bench.adversary.judge import judged
 
 from vibrident.base.errors import NotConverged
 from vibrident.fit.descent import train as training
-from vibrident.fit.descent.settle import START_TOLERANCE, mean_minus_two_log_likelihood
+from vibrident.fit.descent.likelihoods import mean_minus_two_log_likelihood
+from vibrident.fit.descent.settle import START_TOLERANCE
 from vibrident.fit.descent.train import train, train_anew
 from vibrident.fit.optimise import silent
 from vibrident.fit.problem import Evidence

@@ -10,6 +10,7 @@ import pytest
 
 import vibrident
 from vibrident.data.records import Calibration
+from vibrident.fit.descent.likelihoods import compared_where_all_excited
 from vibrident.fit.descent.train import train
 from vibrident.fit.optimise import silent
 from vibrident.fit.problem import Evidence
@@ -68,6 +69,20 @@ def test_noise_of_the_reference_leads_two_modes_above_the_band_not_astray() -> N
         for name, true in values.items():
             known = result.parameters[name]
             assert abs(known.value - true) < 4.0 * known.standard_uncertainty
+
+
+def test_fits_that_count_other_bins_of_records_are_compared_where_both_count() -> None:
+    """A mean over all bins of each preferred the fit that left out the loudest of two records."""
+    quiet, loud = (with_noise(random_motion(), response_noise=noise, seed=1).records[0] for noise in (1e-4, 1e-2))
+    given = replace(random_motion(), records=(replace(quiet, name="quiet"), replace(loud, name="loud")))
+    evidence = Evidence.gather(given, parse("accelerometer"))
+    places = train(evidence, method("bandlimited"), silent).places
+    (group,) = places
+    counted = group.weight * np.array([[1.0], [0.0]])
+    fewer = (replace(group, weight=counted),)
+    scores = compared_where_all_excited([places, fewer])
+    assert scores[0] == scores[1] < 0.0
+    assert compared_where_all_excited([places, places])[0] < scores[0]
 
 
 def test_hum_is_an_unknown_and_costs_little() -> None:

@@ -137,9 +137,9 @@ def test_a_delay_is_not_half_a_sample_short_where_no_stairs_are_seen(run):
     assert abs(delay.value - trial.truth["delay"]) < 4.0 * delay.standard_uncertainty
 
 
-@pytest.mark.parametrize("run", [95, 96])
+@pytest.mark.parametrize("run", [95, 96, 142])
 def test_an_acceleration_in_stairs_is_held_where_that_explains_far_more(run):
-    """As band-limited an overdamped sensor was 44 and 470 u off, and "adequate"."""
+    """As band-limited an overdamped sensor was 44, 470 and 184 u off, and "adequate"."""
     trial = BY_NAME["held/staircase/in-over"].trial(run)
     calibration = trial.calibration()
     assert calibration.quantity == "acceleration"
@@ -148,6 +148,32 @@ def test_an_acceleration_in_stairs_is_held_where_that_explains_far_more(run):
     for name in ("sensitivity", "natural_frequency", "damping_ratio"):
         stated = result.parameters[name]
         assert abs(stated.value - trial.truth[name]) < 4 * stated.standard_uncertainty
+
+
+def test_free_motion_at_the_samples_of_a_held_reference_has_its_lowest_frequency():
+    """Its image beyond twice the sampling rate explained pulses as well, and was the estimate."""
+    trial = BY_NAME["held/pulse/pickup-in-light"].trial(143)
+    result = vibrident.identify(trial.calibration(), model=trial.model)
+    stated = result.parameters["natural_frequency"]
+    assert abs(stated.value - trial.truth["natural_frequency"]) < 4 * stated.standard_uncertainty
+
+
+@pytest.mark.parametrize("interp", [False, True])
+def test_departures_from_a_fit_of_held_or_joined_samples_are_told(interp):
+    """They were looked for behind a band-limited reference alone."""
+    rng = np.random.default_rng(3)
+    time = np.arange(SAMPLES) / RATE_HZ
+    drive = rng.uniform(-1.0, 1.0, SAMPLES // 8 + 1).repeat(8)[:SAMPLES]
+    omega = 2 * np.pi * 1.3
+    system = signal.lti([omega**2], [1.0, 0.6 * omega, omega**2])
+    response = signal.lsim(system, drive, time, interp=interp)[1]
+    noise = 1e-3 * rng.standard_normal(SAMPLES)
+    for bend, codes in ((0.0, ()), (0.05, ("nonlinear",))):
+        bent = response * (1.0 - bend * (response / np.max(np.abs(response))) ** 2)
+        given = Calibration.from_arrays(drive, bent + noise, RATE_HZ, quantity="drive", excitation="random")
+        result = vibrident.identify(given, model="accelerometer")
+        assert result.settings["discretisation"] == ("foh" if interp else "zoh")
+        assert result.warning_codes == codes
 
 
 @pytest.mark.parametrize("quantity", ["drive", "acceleration"])

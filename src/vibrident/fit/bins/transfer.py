@@ -134,7 +134,7 @@ class Trained:
         complex_values = np.repeat(parameters[:, None].astype(complex), len(parameters), axis=1)
         diagonal = np.arange(len(parameters))
         complex_values[diagonal, diagonal] += 1j * steps
-        if not self.method.takes_many:
+        if not self.method.is_exact:
             columns = [
                 dict(zip(values, column.tolist(), strict=True)) for column in complex_values.T
             ]

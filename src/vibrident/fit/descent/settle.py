@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.base.errors import InputError
+from vibrident.base.tails import chi2_tail
 from vibrident.data.records import FloatArray
 from vibrident.fit.descent.in_noise import (
     GroupAt,
@@ -18,6 +19,7 @@ from vibrident.fit.descent.in_noise import (
     iterate,
     places_in,
 )
+from vibrident.fit.descent.likelihoods import minus_two_log_likelihood
 from vibrident.fit.descent.sandwich import averaging_width
 from vibrident.fit.descent.weighting import Weighting, read_weighting
 from vibrident.fit.group.network import products
@@ -89,6 +91,12 @@ class Settled:
     def numbers(self) -> float:
         """Return the weighted count of real numbers that V is a sum over."""
         return sum(float(np.sum(place.numbers)) for place in self.places)
+
+    @property
+    def chance(self) -> float:
+        """Return the chance that noise alone leaves as much as V."""
+        cost = sum(float(np.sum(p.weight * power_of(p.rows.residual))) for p in self.places)
+        return chi2_tail(self.numbers, cost) if self.numbers > 0.0 else 1.0
 
     @functools.cached_property
     def minus_two_log_likelihood(self) -> float:
@@ -405,46 +413,6 @@ def _noise_at(end: Descended, observed: MotionAndNoise) -> tuple[Weighting, Band
     """Return the noise at the end of a descent, and the band with its nuisances."""
     weighting = read_weighting(end.band, end.at.groups, observed)
     return weighting, weighting.with_nuisances(end.band).at_ringing_of(end.values)
-
-
-def minus_two_log_likelihood(groups: Sequence[GroupAt]) -> float:
-    """Return Σ |R|²/S + log S over the bins of the band (Whittle)."""
-    return sum(
-        _minus_two_log_likelihood(place, place.group.grid.counts * place.group.grid.samples)
-        for place in groups
-    )
-
-
-def mean_minus_two_log_likelihood(groups: Sequence[GroupAt]) -> float:
-    """Return −2 log of the likelihood for each number of the data.
-
-    It compares fits of which some leave out samples.
-    """
-    grids = [place.group.grid for place in groups for _ in place.group.segments]
-    numbers = sum(float(np.sum(grid.counts)) * grid.samples for grid in grids)
-    return minus_two_log_likelihood(groups) / numbers
-
-
-def mean_where_excited(groups: Sequence[GroupAt], top_hz: float) -> float:
-    """Return −2 log of the likelihood for each number in bins with motion up to a frequency.
-
-    It compares discretisations. Where only noise of the reference is seen, the one that passes
-    least of it would be the likeliest.
-    """
-    total = 0.0
-    numbers = 0.0
-    for place in groups:
-        grid = place.group.grid
-        counts = place.weight * place.psd * grid.samples * (grid.frequency_hz <= top_hz)
-        total += _minus_two_log_likelihood(place, counts)
-        numbers += float(np.sum(counts))
-    return total / max(numbers, np.finfo(float).tiny)  # no bin may have motion
-
-
-def _minus_two_log_likelihood(place: GroupAt, counts: FloatArray) -> float:
-    """Return Σ |R|²/S + log S of a group, given how often each bin counts, (K,) or (R, K)."""
-    power = power_of(place.fitted_in_all_bins.residual) / place.group.count[:, None]
-    return float(np.sum(counts * (power / place.psd + np.log(place.psd))))
 
 
 def _stated(

@@ -11,6 +11,10 @@ import numpy as np
 from vibrident.base.errors import InputError, NotConverged
 from vibrident.data.records import FloatArray
 from vibrident.fit.descent.in_noise import iterate
+from vibrident.fit.descent.likelihoods import (
+    mean_minus_two_log_likelihood,
+    minus_two_log_likelihood,
+)
 from vibrident.fit.descent.settle import (
     MAX_START_COST,
     START_TOLERANCE,
@@ -18,8 +22,6 @@ from vibrident.fit.descent.settle import (
     Settled,
     descend,
     in_own_noise,
-    mean_minus_two_log_likelihood,
-    minus_two_log_likelihood,
     settle,
 )
 from vibrident.fit.descent.weighting import SegmentNoise, Weighting

@@ -269,7 +269,7 @@ def _clean_tones(evidence: Evidence, estimate: Estimate) -> MeasuredResponse:
 
     A network that was trained with other weights is not used.
     """
-    exact = estimate.findings.method.is_exact
+    exact = estimate.findings.method.is_band_limited
     values = estimate.coordinates.values(estimate.z)
     problem = (estimate.problem if exact else None) or network_problem(evidence, values)
     predicted = estimate.predicted if exact else None

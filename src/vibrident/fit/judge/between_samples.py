@@ -19,7 +19,7 @@ from vibrident.base.tails import chi2_tail, f_tail
 from vibrident.data.records import FloatArray, SystematicEffect
 from vibrident.data.screening.held import has_stairs
 from vibrident.fit.bins.transfer import horner, transfer_of
-from vibrident.fit.descent.settle import mean_where_excited
+from vibrident.fit.descent.likelihoods import compared_where_all_excited
 from vibrident.fit.estimators import AUTO, Estimator
 from vibrident.fit.estimators.kinds.ipnn import Ipnn
 from vibrident.fit.judge.attempts import MIN_EXPLAINED_SHARE, Fitted
@@ -128,14 +128,18 @@ def _is_drive(evidence: Evidence) -> bool:
 def _is_worth_a_fit(fitted: Fitted, network: Ipnn) -> bool:
     """Return whether the reference may be as a network has it between the samples.
 
-    The fit must have been tested, and explain most of the response. What the network adds is
-    estimated beside the parameters, to first order, and must be significant.
+    The fit must have been tested, and explain most of the response. It leaves more than noise, or
+    what the network adds, estimated beside the parameters to first order, is significant.
     """
     judgement = fitted.judgement
     is_tested = judgement.adequacy.degrees_of_freedom > 0
     rates_hz = {record.sampling_rate_hz for record in fitted.evidence.records}
     if not is_tested or judgement.explained < MIN_EXPLAINED_SHARE or len(rates_hz) > 1:
         return False
+    in_noise = fitted.estimate.in_noise
+    settled = None if in_noise is None else in_noise.settled
+    if settled is not None and settled.chance < REJECTION:
+        return True
     linear = fitted.linear
     try:
         change = _relative_change(fitted, network.method, linear.frequency_hz, *rates_hz)
@@ -225,12 +229,9 @@ def _likeliest(fits: Sequence[Fitted], min_gain: float = 0.0) -> Fitted:
         if estimate.in_noise is None:
             return fits[0]
         places.append(tuple(estimate.in_noise.places(estimate.z, estimate.coordinates)))
-    grids = [[place.group.grid for place in groups] for groups in places]
-    top_hz = min(max(np.max(g.frequency_hz * (g.counts > 0.0)) for g in row) for row in grids)
-    scores = np.array([mean_where_excited(groups, top_hz) for groups in places])
-    numbers = sum(float(np.sum(place.numbers)) for place in places[0])
+    scores = compared_where_all_excited(places)
     best = int(np.argmin(scores))
-    return fits[best] if (scores[0] - scores[best]) * numbers > min_gain else fits[0]
+    return fits[best] if scores[0] - scores[best] > min_gain else fits[0]
 
 
 def _closest(fits: Sequence[Fitted]) -> Fitted:

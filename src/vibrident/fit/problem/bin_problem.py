@@ -95,7 +95,7 @@ class BinProblem(NetworkProblem):
     @property
     def highest(self) -> float:
         """Return the highest line that counts, as a fraction of the sampling rate."""
-        return USABLE_BAND if self.frame.method.is_exact else 0.5
+        return USABLE_BAND if self.frame.method.is_band_limited else 0.5
 
     def grid_of(self, number: int) -> Grid:
         """Return the grid of all bins of a segment."""

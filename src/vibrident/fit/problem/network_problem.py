@@ -86,7 +86,7 @@ class Frame:
         order = len(system.denominator) - 1
         direct = len(system.numerator) > order  # the response then contains the reference itself
         fastest = model.fastest(start)
-        if not method.is_exact or any(record.excitation == "sine" for record in records):
+        if not method.is_band_limited or any(record.excitation == "sine" for record in records):
             top_hz = np.inf
         steps = {(r.sampling_interval_s, counted_band(r, top_hz)) for r in records}
         terms = max(method.terms(fastest * interval, direct, band) for interval, band in steps)

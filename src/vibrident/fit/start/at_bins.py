@@ -49,8 +49,11 @@ def candidates(band: Band, observed: MotionAndNoise, most: int) -> list[StartCan
     search = GridSearch(band, observed.band_hz, tuple(coarse_rows(band, observed)))
     descent = CoarseDescent(band, observed.band_hz, search.rows)
     core = [spec for spec in model.core.parameters if spec.grid]
-    # In a free decay a frequency cannot be separated from its image above half the sampling rate.
-    rates = [group.grid.rate_hz for group in band.groups if not group.grid.driven]
+    # Free motion at the samples has images above half the sampling rate; a band-limited reference
+    # alone tells them apart.
+    is_band_limited = band.problem.frame.method.is_band_limited
+    grids = [group.grid for group in band.groups]
+    rates = [grid.rate_hz for grid in grids if not (grid.driven and is_band_limited)]
     top_hz = min([HIGHEST_RATIO * observed.band_hz[1], *(0.5 * rate for rate in rates)])
     peaks_hz = _peaks(band, observed.band_hz)
     axes = {spec.name: _axis(spec, observed.band_hz[0], top_hz, peaks_hz) for spec in core}

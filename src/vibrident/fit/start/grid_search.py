@@ -149,7 +149,7 @@ class GridSearch:
         }
         fixed |= problem.frame.factor_values
         trained = problem.trained
-        if trained.method.takes_many:
+        if trained.method.is_exact:
             columns: dict[str, Any] = {
                 name: np.array([trial[name] for trial in trials]) for name in names
             }

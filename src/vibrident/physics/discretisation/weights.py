@@ -149,13 +149,17 @@ class Method:
     late_samples: float = 0.0
 
     @property
-    def takes_many(self) -> bool:
-        """Return whether ``step`` takes many systems at once, along a leading axis."""
+    def is_exact(self) -> bool:
+        """Return whether a step has no error for inputs of the course that the method supposes.
+
+        They are held, joined by lines, or band-limited between the samples. Such a ``step`` takes
+        many systems at once, along a leading axis.
+        """
         return self.step is _exponential_step
 
     @property
-    def is_exact(self) -> bool:
-        """Return whether the method has no error of its own for band-limited signals."""
+    def is_band_limited(self) -> bool:
+        """Return whether the method supposes band-limited inputs."""
         return self.fixed_terms is None
 
     def terms(self, rate_times_step: float, direct: bool = False, band: float = USABLE_BAND) -> int:
