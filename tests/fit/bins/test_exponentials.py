@@ -12,9 +12,10 @@ EXPONENTS = np.array([0.2j * np.pi, 2j * np.pi * 0.0123, -0.01 + 0.5j, -2.0 + 3.
 
 
 @pytest.mark.parametrize("share_used", [1.0, 0.9])
-def test_bins_in_closed_form_are_those_of_the_samples(share_used, rng):
+@pytest.mark.parametrize("taper", [1.0, np.linspace(0.1, 2.0, SAMPLES)], ids=["whole", "tapered"])
+def test_bins_in_closed_form_are_those_of_the_samples(share_used, taper, rng):
     """Of real and imaginary parts, and of both growing with time; with and without samples left out."""
-    used = rng.random(SAMPLES) < share_used
+    used = (rng.random(SAMPLES) < share_used) * taper
     time = np.arange(SAMPLES)
     waves = np.exp(EXPONENTS[:, None] * time)
     turning = EXPONENTS.imag != 0.0

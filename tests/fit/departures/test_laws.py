@@ -261,6 +261,14 @@ def test_pieces_of_a_long_record_have_no_departure_of_their_own(monkeypatch, ban
     assert vibrident.identify(made).findings == ()
 
 
+@pytest.mark.parametrize(("case", "run"), [("500000/brown/sweep", 138), ("1000000/ar2/sweep running", 141)])
+@pytest.mark.quick("500000/brown/sweep-138")
+def test_a_sweep_that_is_cut_in_pieces_leaks_into_no_test(case: str, run: int):
+    """Leakage was in all bins: it hid noise, and held that of the reference, as the residual does."""
+    result = vibrident.identify(BY_NAME[f"long/{case}"].trial(run).calibration())
+    assert result.findings == ()
+
+
 def test_an_offset_is_no_noise_of_the_reference():
     """A displacement at 1 MHz: |H|² grows by eleven decades from the lowest bin, where the offset is, to the tone."""
     result = vibrident.identify(BY_NAME["extreme/scale response 1e+06/sine"].trial(8).calibration())

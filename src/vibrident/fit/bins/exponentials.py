@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vibrident.data.records import BoolArray
+from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.bins.segments import shifted_lines
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
@@ -14,26 +14,27 @@ from vibrident.fit.response.transform import power_of
 MAX_BIN_ANGLE = 1e-11
 
 
-def wave_bins(exponents: ComplexArray, used: BoolArray, bins: int) -> ComplexArray:
+def wave_bins(exponents: ComplexArray, weight: BoolArray | FloatArray, bins: int) -> ComplexArray:
     """Return the bins of e^{st}, t = 0, 1 … in samples, shape (m, bins).
 
     Args:
         exponents: s, a sample, shape (m,).
-        used: samples that are used; the waves are zero elsewhere, shape (N,).
+        weight: of the samples, by which the waves are multiplied, shape (N,).
         bins: number of bins, from 0 on.
     """
-    if not used.all():
-        waves = np.exp(exponents[:, None] * np.arange(used.size)) * used
+    samples = weight.size
+    if not np.all(weight == 1.0):
+        waves = np.exp(exponents[:, None] * np.arange(samples)) * weight
         return np.asarray(np.fft.fft(waves, axis=1)[:, :bins])
-    _ratio, remainder, on_bin = _series(exponents, used.size, bins)
+    _ratio, remainder, on_bin = _series(exponents, samples, bins)
     remainder[on_bin] = 1.0
-    total = -np.expm1(used.size * exponents)[:, None] / remainder
-    total[on_bin] = used.size
+    total = -np.expm1(samples * exponents)[:, None] / remainder
+    total[on_bin] = samples
     return total
 
 
 def motion_bins(
-    exponents: ComplexArray, used: BoolArray, bins: int, *, growing: bool
+    exponents: ComplexArray, weight: BoolArray | FloatArray, bins: int, *, growing: bool
 ) -> ComplexArray:
     """Return the bins of Re e^{st} and Im e^{st}, shape (columns, bins).
 
@@ -41,15 +42,15 @@ def motion_bins(
 
     Args:
         exponents: s, a sample, shape (m,).
-        used: samples that are used; the motion is zero elsewhere, shape (N,).
+        weight: of the samples, by which the motion is multiplied, shape (N,).
         bins: number of bins, from 0 on.
         growing: whether t times each of these follows, too.
     """
     turning = exponents.imag != 0.0
     both = np.concatenate([exponents, np.conj(exponents[turning])])
-    waves = [wave_bins(both, used, bins)]
+    waves = [wave_bins(both, weight, bins)]
     if growing:
-        waves.append(_growing_bins(both, used, bins))
+        waves.append(_growing_bins(both, weight, bins))
     columns = list[ComplexArray]()
     for rows in waves:
         ahead = rows[: exponents.size]
@@ -59,12 +60,14 @@ def motion_bins(
     return np.concatenate(columns)
 
 
-def _growing_bins(exponents: ComplexArray, used: BoolArray, bins: int) -> ComplexArray:
+def _growing_bins(
+    exponents: ComplexArray, weight: BoolArray | FloatArray, bins: int
+) -> ComplexArray:
     """Return the bins of t e^{st} / N, shape (m, bins); arguments as of :func:`wave_bins`."""
-    samples = used.size
-    if not used.all():
+    samples = weight.size
+    if not np.all(weight == 1.0):
         time = np.arange(samples)
-        waves = np.exp(exponents[:, None] * time) * (time / samples * used)
+        waves = np.exp(exponents[:, None] * time) * (time / samples * weight)
         return np.asarray(np.fft.fft(waves, axis=1)[:, :bins])
     ratio, remainder, on_bin = _series(exponents, samples, bins)
     remainder[on_bin] = 1.0

@@ -31,13 +31,15 @@ from vibrident.fit.problem.band import Band
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.terms import products
 from vibrident.fit.response.tones import HARMONICS, free_exponents
-from vibrident.fit.response.transform import MIN_SPECTRUM_SAMPLES
+from vibrident.fit.response.transform import MIN_SPECTRUM_SAMPLES, hann
 from vibrident.fit.uncertainty.adequacy import Points
 from vibrident.fit.uncertainty.linearised import Linearised
 
 #: Longer records are looked at in pieces of so many samples: a limit of memory.
 MAX_PIECE_SAMPLES = 1 << 16
 MAX_PIECES = 4
+#: Part of a piece in which its taper rises, and in which it falls.
+TAPER = 0.1
 #: Step of central differences of a nonlinear model's response, in its coordinates.
 DIFFERENCE_STEP = 1e-5
 
@@ -84,6 +86,7 @@ def _parts_of_segments(
     tones = tones_of(evidence)
     segments = in_noise.band.problem.segments
     band = _band_of_tests(in_noise.band, bool(tones))
+    is_noise_known = band is in_noise.band
     for place in in_noise.places(estimate.z, estimate.coordinates, at_all_bins_of=band):
         grid = place.group.grid
         if not grid.driven:
@@ -91,6 +94,7 @@ def _parts_of_segments(
         for row, number in enumerate(place.group.segments):
             segment = segments[number]
             record = evidence.records[segment.record]
+            noise = in_noise.weighting.of_segment(number)
             series = predicted[segment.record][segment.span]
             used = (
                 np.ones(grid.samples, dtype=bool)
@@ -110,11 +114,14 @@ def _parts_of_segments(
                     jacobian,
                     place.rows.nuisances.of_row(row),
                 )
-                tone = tones.get(segment.record)
-                noise = None
-                if band is in_noise.band:
-                    noise = in_noise.weighting.of_segment(number).spectrum_at(grid)
-                yield Part(record, segment.span, used, *signals, turns=tone, known_noise=noise)
+                yield Part(
+                    record,
+                    segment.span,
+                    used,
+                    *signals,
+                    turns=tones.get(segment.record),
+                    known_noise=noise.spectrum_at(grid) if is_noise_known else None,
+                )
                 continue
             pieces = _pieces(grid.samples)
             rows = [
@@ -123,27 +130,31 @@ def _parts_of_segments(
             ]
             motions = _cut_pieces(_about_mean(series, used), pieces)
             for piece, motion, piece_residual, *columns in zip(pieces, motions, *rows, strict=True):
-                piece_span = slice(
-                    segment.span.start + piece.start, segment.span.start + piece.stop
+                span = slice(segment.span.start + piece.start, segment.span.start + piece.stop)
+                signals_of_piece = _SignalsInTime(
+                    piece_residual, motion, np.array(columns), used[piece]
                 )
-                yield _part_in_time(
+                part = _part_in_time(
                     evidence,
                     estimate,
                     record,
-                    piece_span,
+                    span,
                     used[piece],
-                    _SignalsInTime(piece_residual, motion, np.array(columns)),
+                    signals_of_piece.tapered(),
+                    top_hz=grid.rate_hz / grid.samples * (grid.bins - 1),
                 )
+                if is_noise_known:
+                    at_piece = replace(grid, samples=motion.size, bins=part.residual.size)
+                    part = replace(part, known_noise=noise.spectrum_at(at_piece))
+                yield part
 
 
 def _band_of_tests(band: Band, with_sines: bool) -> Band:
-    """Return the band of the score tests: the fit's, with hum beside its residual.
+    """Return the band of the score tests: the fit's, or all bins with hum beside the residual.
 
-    Harmonics of sines lie above it, and pieces of a long record leak over all bins: these are
-    tested at all bins, in noise that is read again.
+    Harmonics of sines lie above the fit's band: these are tested in noise that is read again.
     """
-    is_long = any(group.grid.samples > MAX_PIECE_SAMPLES for group in band.groups)
-    return replace(band, top_hz=np.inf, tones=()) if with_sines or is_long else band
+    return replace(band, top_hz=np.inf, tones=()) if with_sines else band
 
 
 def _parts_of_sines(
@@ -256,7 +267,8 @@ def _parts_in_time(
                 for ahead, behind in predictions
             ]
             residual = np.where(used, record.response[span] - series[span], 0.0)
-            signals = _SignalsInTime(residual, _about_mean(series[span], used), np.array(jacobian))
+            motion = _about_mean(series[span], used)
+            signals = _SignalsInTime(residual, motion, np.array(jacobian), used)
             yield _part_in_time(
                 evidence, estimate, record, span, used, signals, turns=tones.get(index)
             )
@@ -313,11 +325,26 @@ class _SignalsInTime(NamedTuple):
         residual: of the fit, shape (n,).
         motion: response as the fit has it, shape (n,).
         jacobian: slopes of the response with the coordinates, shape (p, n).
+        weight: of the samples in these, shape (n,).
     """
 
     residual: FloatArray
     motion: FloatArray
     jacobian: FloatArray
+    weight: FloatArray | BoolArray
+
+    def tapered(self) -> _SignalsInTime:
+        """Return the signals times Tukey's window of mean square one.
+
+        Motion that is cut off leaks over all bins, and with it everything that is made of it.
+        """
+        samples = self.motion.size
+        rise = int(TAPER * samples)
+        window = np.ones(samples)
+        window[:rise] = hann(2 * rise)[:rise]
+        window[samples - rise :] = window[:rise][::-1]
+        window /= np.sqrt(np.mean(window**2))
+        return _SignalsInTime(*(signal * window for signal in self))
 
 
 def _part_in_time(
@@ -328,12 +355,13 @@ def _part_in_time(
     used: BoolArray,
     signals: _SignalsInTime,
     turns: float | None = None,
+    top_hz: float = np.inf,
 ) -> Part:
-    """Return a piece, whose signals are in time, by its bins."""
-    bins = used.size // 2 + 1
+    """Return a piece, whose signals are in time, by its bins up to a frequency."""
+    bins = int(min(top_hz / record.sampling_rate_hz, 0.5) * used.size) + 1
     residual, motion, *jacobian = _bins_of((*signals[:2], *signals.jacobian), bins)
     # Noise of the reference rings beyond either end, and so do the slopes.
-    nuisance = _nuisance_bins(evidence, estimate, record, used, bins, rings=True)
+    nuisance = _nuisance_bins(evidence, estimate, record, signals.weight, bins, rings=True)
     columns = np.array(jacobian)
     return Part(
         record, span, used, residual, motion, signals.motion, columns, nuisance, turns=turns
@@ -354,17 +382,23 @@ def _nuisance_bins(
     evidence: Evidence,
     estimate: Estimate,
     record: Record,
-    used: BoolArray,
+    weight: FloatArray | BoolArray,
     bins: int,
     *,
     rings: bool,
 ) -> ComplexArray:
     """Return an offset, a drift, hum and free motion of the sensor, shape (q, bins).
 
-    ``rings``: whether t times the free motion is among them.
+    Args:
+        evidence: the data.
+        estimate: the fit.
+        record: of the part.
+        weight: of its samples, zero where these are not used, shape (n,).
+        bins: number of bins, from 0 on.
+        rings: whether t times the free motion is among them.
     """
     poles = evidence.model.linear.poles(estimate.coordinates.values(estimate.z))
     free = free_exponents(poles, record.sampling_rate_hz)
     hum = _exponents([0.0, *(hz / record.sampling_rate_hz for hz in record.hum_hz)])
-    slow = motion_bins(hum, used, bins, growing=True)
-    return np.concatenate([slow, motion_bins(free, used, bins, growing=rings)])
+    slow = motion_bins(hum, weight, bins, growing=True)
+    return np.concatenate([slow, motion_bins(free, weight, bins, growing=rings)])
