@@ -77,6 +77,7 @@ def _mode(
     s = 1j * TAU * move.frequency_hz
     share = rng.uniform(0.5, 2.0) * rng.choice([-1.0, 1.0])
     second = w * w / (s * s + 2.0 * rng.uniform(0.01, 0.05) * w * s + w * w)
+    share *= conditions.sensor.parameters["sensitivity"]
     return _filtered(move, 1.0 + share * second / conditions.sensor.transfer(move.frequency_hz))
 
 
