@@ -22,6 +22,7 @@ from vibrident.physics.models import model_of
 from vibrident.physics.simulation import simulate, with_noise
 
 NO_SHARE_SEEN = "clean/below-light+delay=300/sweep/growing 0.5 %"
+LONG_DELAY = "clean/below-light+delay=300/sweep/1/f 0.3 %"
 STEEP_NOISE = "clean/above-light+mode2=0.01/sweep/1/f 0.3 %"
 LOUD_REFERENCE = "noises/strong white, response pink/displacement/burst running"
 SENSOR = {"sensitivity": 0.1, "natural_frequency": 652.1, "damping_ratio": 0.05, "delay": 3e-4}
@@ -35,6 +36,11 @@ def test_noise_that_is_far_too_high_without_a_model_does_not_decide():
 def test_the_grid_is_searched_again_in_the_noise_of_the_best_place_so_far():
     """Without a model 89 of 2,700 bins counted: the best of all starts explained 0.14 %."""
     assert judged(BY_NAME[NO_SHARE_SEEN].trial(135))["class"] == "right"
+
+
+def test_what_is_coherent_is_told_beside_a_long_delay():
+    """The motion of the response's span was compared, not that before it: all seemed incoherent, and no retry worth it."""
+    assert judged(BY_NAME[LONG_DELAY].trial(141))["class"] == "right"
 
 
 def test_of_two_ends_the_likelier_in_its_own_noise_is_the_estimate():

@@ -128,7 +128,7 @@ def test_codes_of_lost_samples_are_no_stairs(rng):
     assert not has_stairs([record.without(lost, "codes")])
 
 
-@pytest.mark.parametrize("run", [80, 82])
+@pytest.mark.parametrize("run", [80, 82, 141])
 @pytest.mark.quick("80")
 def test_a_delay_is_not_half_a_sample_short_where_no_stairs_are_seen(run):
     """A hold stands in for half a sample of delay: it explained a swept drive whose first fit had run away."""

@@ -241,14 +241,18 @@ def _powers(
 ) -> FloatArray:
     """Return a record's summands of the shares of the response's power, in the motion's band."""
     assert record.reference is not None
-    used = record.reference_mask[bins.span] & bins.used
     low, high = (int(hz * bins.samples / record.sampling_rate_hz) for hz in band_hz)
     band = slice(max(low, 1), high + 2)
-    reference = about_mean(record.reference[bins.span], used)
-    response = about_mean(record.response[bins.span], bins.used)
     delay = delay_s * record.sampling_rate_hz
+    late = round(delay)  # the response of a span is to what the reference was before
+    places = np.arange(bins.span.start, bins.span.stop) - late
+    is_known = (places >= 0) & (places < record.samples)
+    places = np.clip(places, 0, record.samples - 1)
+    used = is_known & record.reference_mask[places] & bins.used
+    reference = about_mean(record.reference[places], used)
+    response = about_mean(record.response[bins.span], bins.used)
     is_sine = record.excitation == "sine"
-    return powers(bins, reference, response, delay, band, where_excited=is_sine)
+    return powers(bins, reference, response, delay - late, band, where_excited=is_sine)
 
 
 def _powers_of_tones(tones: MeasuredResponse, response: Response) -> FloatArray:

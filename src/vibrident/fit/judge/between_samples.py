@@ -129,9 +129,12 @@ def _is_worth_a_fit(fitted: Fitted, network: Ipnn) -> bool:
     """Return whether the reference may be as a network has it between the samples.
 
     The fit must have been tested, and explain most of the response. It leaves more than noise, or
-    what the network adds, estimated beside the parameters to first order, is significant.
+    what the network adds, estimated beside the parameters to first order, is significant. A hold is
+    half a sample of delay: a model with a delay that explains the data needs none.
     """
     judgement = fitted.judgement
+    if fitted.evidence.model.has_delay and fitted.adequate:
+        return False
     is_tested = judgement.adequacy.degrees_of_freedom > 0
     rates_hz = {record.sampling_rate_hz for record in fitted.evidence.records}
     if not is_tested or judgement.explained < MIN_EXPLAINED_SHARE or len(rates_hz) > 1:
