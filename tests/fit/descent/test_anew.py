@@ -39,7 +39,7 @@ def test_the_grid_is_searched_again_in_the_noise_of_the_best_place_so_far():
 
 
 def test_what_is_coherent_is_told_beside_a_long_delay():
-    """The motion of the response's span was compared, not that before it: all seemed incoherent, and no retry worth it."""
+    """The motion of its own span was compared, not that before it: all seemed incoherent, no retry worth it."""
     assert judged(BY_NAME[LONG_DELAY].trial(141))["class"] == "right"
 
 

@@ -41,6 +41,10 @@ from vibrident.result import ResultWarning
 #: An optimum is as good where its χ² is larger by less: chance rejects the true one once in 370.
 MAX_CHI2_RISE = 9.0
 MAX_STEPS = 30  # of a descent
+#: A mode beyond the band is tried at so many times its highest frequency …
+RATIO_BEYOND = 10.0
+#: … with these shares of the response at low frequency.
+SHARES_BEYOND = (-0.3, 0.3)
 
 
 @dataclass(frozen=True)
@@ -82,6 +86,7 @@ def other_solutions(
     optima = list(_optima_of_start(chart, differences(sought), solution, begin))
     if model.shares:
         optima += _optima_along_valley(chart, differences(sought), solution)
+        optima += _optima_with_mode_beyond(chart, differences(sought), solution)
     known: list[Mapping[str, float]] = [values]
     rises = []
     for rise, optimum in optima:
@@ -153,6 +158,34 @@ def _optima_along_valley(
     )
     for row in np.argsort(-np.max(np.abs(front.u - u) / stated, axis=1), kind="stable").tolist():
         yield float(front.cost[row] - reference_cost), chart.named(front.u, front.sign, row)
+
+
+def _optima_with_mode_beyond(
+    chart: LogCoordinates, goal: Residual, solution: Solution
+) -> Iterator[tuple[float, dict[str, float]]]:
+    """Yield optima with the second mode far above the band, each with its rise of χ².
+
+    There it adds a constant, and only the sum of both sensitivities is seen. It is an optimum where
+    the mode of the estimate explains next to nothing.
+    """
+    model = chart.model
+    values = solution.values
+    top_hz = float(np.max(chart.frequency_hz))
+    begins = [dict(values)]
+    for add_on in model.add_ons:
+        if not add_on.share or add_on.oscillator is None:
+            continue
+        frequency, damping = add_on.oscillator
+        for share in SHARES_BEYOND:
+            beyond = {add_on.share: share, frequency: RATIO_BEYOND * top_hz, damping: 0.1}
+            total = values[model.gain_name]
+            begins.append({**values, **beyond, model.gain_name: total / (1.0 + share)})
+    places = [chart.place(begin) for begin in begins]
+    u = np.array([coordinates for coordinates, _ in places])
+    sign = np.array([signs for _, signs in places])
+    front = descend(chart, u, sign, goal, MAX_STEPS)
+    for row in range(1, len(begins)):
+        yield float(front.cost[row] - front.cost[0]), chart.named(front.u, front.sign, row)
 
 
 def _differ_clearly(
