@@ -73,6 +73,7 @@ class Settled:
         deviation: standard deviation of each record's noise, response unit, shape (records,).
         places: the groups at the estimate.
         explains: whether the noise known without a model explains what the fit leaves.
+        others: other optima in the same noise: by how much V is larger, and the parameters.
     """
 
     band: Band
@@ -86,6 +87,7 @@ class Settled:
     deviation: FloatArray
     places: tuple[GroupAt, ...]
     explains: bool
+    others: tuple[tuple[float, dict[str, float]], ...] = ()
 
     @property
     def numbers(self) -> float:
@@ -93,10 +95,14 @@ class Settled:
         return sum(float(np.sum(place.numbers)) for place in self.places)
 
     @property
+    def cost(self) -> float:
+        """Return V."""
+        return sum(float(np.sum(p.weight * power_of(p.rows.residual))) for p in self.places)
+
+    @property
     def chance(self) -> float:
         """Return the chance that noise alone leaves as much as V."""
-        cost = sum(float(np.sum(p.weight * power_of(p.rows.residual))) for p in self.places)
-        return chi2_tail(self.numbers, cost) if self.numbers > 0.0 else 1.0
+        return chi2_tail(self.numbers, self.cost) if self.numbers > 0.0 else 1.0
 
     @functools.cached_property
     def minus_two_log_likelihood(self) -> float:

@@ -15,6 +15,7 @@ from vibrident.fit.descent.likelihoods import (
     mean_minus_two_log_likelihood,
     minus_two_log_likelihood,
 )
+from vibrident.fit.descent.rivals import NO_FIT, with_rivals
 from vibrident.fit.descent.settle import (
     MAX_START_COST,
     START_TOLERANCE,
@@ -43,8 +44,6 @@ from vibrident.fit.start.start import find_start
 from vibrident.physics.discretisation import Method
 from vibrident.physics.models import SensorModel
 
-#: What a start may raise that leads to no fit.
-NO_FIT = NotConverged, InputError, np.linalg.LinAlgError
 #: Starts that descend: of a model whose parameters are few and free …
 FEW_STARTS = 2
 #: … and of others.
@@ -354,7 +353,10 @@ class _Descents:
             settle(end, self.survey.observed, self.weighting, progress, explains=explains)
             for end in descents.rivals
         ]
-        return min(settled, key=lambda estimate: estimate.minus_two_log_likelihood)
+        best = min(settled, key=lambda estimate: estimate.minus_two_log_likelihood)
+        if not (explains and evidence.model.shares):
+            return best
+        return with_rivals(best, descents.ends, self.survey.observed, progress)
 
     def undescended(
         self, evidence: Evidence, places: Sequence[dict[str, float]]

@@ -100,6 +100,8 @@ class Fitted:
     def anew(self, evidence: Evidence, start: Mapping[str, float] | None = None) -> Fitted:
         """Return the same estimator's fit of other data.
 
+        Other optima are not looked for again: they are those of this fit.
+
         ``start``: parameters to start from; None takes those of this fit.
         """
         values = self.values if start is None else dict(start)
@@ -107,6 +109,7 @@ class Fitted:
         return replace(
             refit,
             evidence=evidence,
+            estimate=replace(refit.estimate, others=self.estimate.others),
             reason=self.reason,
             reports=self.reports,
             phase_by_scatter=self.phase_by_scatter,

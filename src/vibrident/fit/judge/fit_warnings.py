@@ -91,7 +91,13 @@ def _warn_of_solutions(fitted: Fitted, covariance: FloatArray) -> list[ResultWar
     units = parameter_units(evidence.model, evidence.calibration)
     return list(
         other_solutions(
-            coordinates.model, evidence.quantity, sought, solution, estimate.begin, units
+            coordinates.model,
+            evidence.quantity,
+            sought,
+            solution,
+            estimate.begin,
+            units,
+            estimate.others,
         )
     )
 
