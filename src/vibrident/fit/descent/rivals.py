@@ -39,8 +39,8 @@ def with_rivals(
         if challenger is not None:
             best = challenger
             rivals = list(_optima_beside(best, rivals, progress))
-    others = tuple((end.at.cost - best.cost, end.values) for end in rivals)
-    return replace(best, others=others)
+    rival_optima = tuple((end.at.cost - best.cost, end.values) for end in rivals)
+    return replace(best, rival_optima=rival_optima)
 
 
 def _optima_beside(

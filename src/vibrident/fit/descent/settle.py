@@ -73,7 +73,7 @@ class Settled:
         deviation: standard deviation of each record's noise, response unit, shape (records,).
         places: the groups at the estimate.
         explains: whether the noise known without a model explains what the fit leaves.
-        others: other optima in the same noise: by how much V is larger, and the parameters.
+        rival_optima: other optima in the same noise: by how much V is larger, and the parameters.
     """
 
     band: Band
@@ -87,7 +87,7 @@ class Settled:
     deviation: FloatArray
     places: tuple[GroupAt, ...]
     explains: bool
-    others: tuple[tuple[float, dict[str, float]], ...] = ()
+    rival_optima: tuple[tuple[float, dict[str, float]], ...] = ()
 
     @property
     def numbers(self) -> float:
@@ -125,6 +125,11 @@ class InNoise:
     weighting: Weighting
     explains: bool
     settled: Settled | None = None
+
+    @property
+    def chance(self) -> float:
+        """Return the chance that noise alone leaves as much as V; one of long records."""
+        return 1.0 if self.settled is None else self.settled.chance
 
     @classmethod
     def of(cls, settled: Settled) -> InNoise:

@@ -45,7 +45,7 @@ class Estimate:
         findings: of the estimator, beside the parameters.
         in_noise: records in the noise of the fit, for its judgement and for a joint fit; None for
             equal weights or points.
-        others: other optima: by how much χ² is larger, and the parameters.
+        rival_optima: other optima: by how much χ² is larger, and the parameters.
     """
 
     estimator: str
@@ -63,7 +63,7 @@ class Estimate:
     criterion: Literal["samples", "likelihood", "other"] = "other"
     findings: Findings = field(default_factory=Findings)
     in_noise: InNoise | None = None
-    others: tuple[tuple[float, dict[str, float]], ...] = ()
+    rival_optima: tuple[tuple[float, dict[str, float]], ...] = ()
 
 
 @dataclass(frozen=True)

@@ -97,6 +97,12 @@ class Fitted:
             return self
         return replace(self, estimate=estimate, judgement=judgement)
 
+    @property
+    def chance(self) -> float:
+        """Return the chance that noise leaves as much of the records; one where not known."""
+        in_noise = self.estimate.in_noise
+        return 1.0 if in_noise is None else in_noise.chance
+
     def anew(self, evidence: Evidence, start: Mapping[str, float] | None = None) -> Fitted:
         """Return the same estimator's fit of other data.
 
@@ -109,7 +115,7 @@ class Fitted:
         return replace(
             refit,
             evidence=evidence,
-            estimate=replace(refit.estimate, others=self.estimate.others),
+            estimate=replace(refit.estimate, rival_optima=self.estimate.rival_optima),
             reason=self.reason,
             reports=self.reports,
             phase_by_scatter=self.phase_by_scatter,

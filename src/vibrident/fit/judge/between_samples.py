@@ -139,9 +139,7 @@ def _is_worth_a_fit(fitted: Fitted, network: Ipnn) -> bool:
     rates_hz = {record.sampling_rate_hz for record in fitted.evidence.records}
     if not is_tested or judgement.explained < MIN_EXPLAINED_SHARE or len(rates_hz) > 1:
         return False
-    in_noise = fitted.estimate.in_noise
-    settled = None if in_noise is None else in_noise.settled
-    if settled is not None and settled.chance < REJECTION:
+    if fitted.chance < REJECTION:
         return True
     linear = fitted.linear
     try:

@@ -97,7 +97,7 @@ def _warn_of_solutions(fitted: Fitted, covariance: FloatArray) -> list[ResultWar
             solution,
             estimate.begin,
             units,
-            estimate.others,
+            estimate.rival_optima,
         )
     )
 

@@ -62,7 +62,7 @@ def other_solutions(
     solution: Solution,
     begin: Start | None,
     units: Mapping[str, str],
-    others: Sequence[tuple[float, Mapping[str, float]]] = (),
+    rival_optima: Sequence[tuple[float, Mapping[str, float]]] = (),
 ) -> Iterator[ResultWarning]:
     """Yield a warning ``weakly_determined`` for each solution that fits as well as the estimate.
 
@@ -73,7 +73,7 @@ def other_solutions(
         solution: the estimate.
         begin: the start, with the other optima that were met.
         units: of the parameters, by name.
-        others: optima of the records, each with its rise of χ² and the parameters.
+        rival_optima: optima of the records, each with its rise of χ² and the parameters.
     """
     values = solution.values
     uncertainty = solution.uncertainty
@@ -85,7 +85,7 @@ def other_solutions(
         yield ResultWarning("weakly_determined", text)
     time_unit_s = 1.0 / (2.0 * np.pi * float(np.max(sought.frequency_hz)))
     chart = LogCoordinates(model, quantity, sought.frequency_hz, time_unit_s)
-    optima = [*others, *_optima_of_start(chart, differences(sought), solution, begin)]
+    optima = [*rival_optima, *_optima_of_start(chart, differences(sought), solution, begin)]
     if model.shares:
         optima += _optima_along_valley(chart, differences(sought), solution)
         optima += _optima_with_mode_beyond(chart, differences(sought), solution)

@@ -178,7 +178,7 @@ def settled_estimate(settled: Settled) -> Estimate:
         findings=Findings(trained, settled.noise),
         predicted=tuple(problem.predict(settled.coordinates, settled.z)),
         in_noise=InNoise.of(settled),
-        others=settled.others,
+        rival_optima=settled.rival_optima,
     )
 
 
