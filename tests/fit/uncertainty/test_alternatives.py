@@ -66,3 +66,15 @@ def test_the_start_of_few_points_is_their_likeliest():
     trial = BY_NAME["table/far-light+boxcar/3 points, u, phase"].trial(116)
     length = identify(trial.calibration(), trial.model).parameters["boxcar_length"]
     assert abs(length.value - trial.truth["boxcar_length"]) < 3.0 * length.standard_uncertainty
+
+
+@pytest.mark.parametrize(
+    ("case", "run"),
+    [("acceleration/accelerometer+mode2=0.1/shock", 141), ("displacement/accelerometer+mode2=0.1/random", 142)],
+)
+def test_a_sum_of_two_sensitivities_far_below_both_modes_is_not_one_of_them(case, run):
+    """A mode of 2.5 Hz that hardly shows, and an optimum of many, were stated as the sensor, 60 u and more off."""
+    trial = BY_NAME[f"quantities/{case}"].trial(run)
+    result = identify(trial.calibration(), model=trial.model)
+    (other,) = [w.message for w in result.warnings if w.message.startswith("Another solution")]
+    assert "sensitivity" in other
