@@ -98,3 +98,15 @@ def test_a_few_bins_have_a_start() -> None:
     """The level around them is one number, which was written to where it cannot be."""
     case = BY_NAME["defect/dropouts held reference:10x5/mixed/far-light/1 %"]
     assert judged(case.trial(99))["class"] in {"right", "warned", "refused"}
+
+
+@pytest.mark.parametrize(
+    ("case", "run"),
+    [
+        ("noises/reference brown, response ar2/acceleration/shock running", 141),
+        ("quantities/velocity/accelerometer+highpass/shock", 141),
+    ],
+)
+def test_what_rings_in_a_resonance_narrower_than_a_bin_is_motion(case, run):
+    """No bin was heard: each place of the grid was as likely, and the first explained nothing."""
+    assert judged(BY_NAME[case].trial(run))["class"] == "right"
