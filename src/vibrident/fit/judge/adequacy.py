@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vibrident.base.amounts import plain
 from vibrident.base.errors import InputError
@@ -245,14 +246,21 @@ def _powers(
     band = slice(max(low, 1), high + 2)
     delay = delay_s * record.sampling_rate_hz
     late = round(delay)  # the response of a span is to what the reference was before
-    places = np.arange(bins.span.start, bins.span.stop) - late
-    is_known = (places >= 0) & (places < record.samples)
-    places = np.clip(places, 0, record.samples - 1)
-    used = is_known & record.reference_mask[places] & bins.used
-    reference = about_mean(record.reference[places], used)
+    used = _earlier(record.reference_mask, bins.span, late) & bins.used
+    reference = about_mean(_earlier(record.reference, bins.span, late), used)
     response = about_mean(record.response[bins.span], bins.used)
     is_sine = record.excitation == "sine"
     return powers(bins, reference, response, delay - late, band, where_excited=is_sine)
+
+
+def _earlier(series: NDArray[Any], span: slice, late: int) -> NDArray[Any]:
+    """Return what a series was so many samples before those of a span, zero beyond its ends."""
+    first, last = (min(max(at - late, 0), series.size) for at in (span.start, span.stop))
+    before = min(max(late - span.start, 0), span.stop - span.start)
+    known = series[first:last]
+    if known.size == span.stop - span.start:
+        return known
+    return np.pad(known, (before, span.stop - span.start - known.size - before))
 
 
 def _powers_of_tones(tones: MeasuredResponse, response: Response) -> FloatArray:
