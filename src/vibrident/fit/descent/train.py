@@ -202,6 +202,8 @@ def _observations(evidence: Evidence, method: Method) -> Iterator[tuple[Band, Mo
     for _, (values, look, observed) in sorted(looks.items(), key=lambda item: abs(item[0])):
         if observed.count < MIN_HEARD_FRACTION * largest:
             continue
+        if not largest:
+            observed = observed.heard_everywhere(look)
         top_hz = observed.band_hz[1]
         if np.isinf(look.problem.frame.top_hz):
             yield look.within(top_hz), observed

@@ -92,6 +92,16 @@ class MotionAndNoise:
             [group.grid.resampled(bins.astype(float), samples) > 0.5 for samples, bins in heard]
         )
 
+    def heard_everywhere(self, look: Band) -> MotionAndNoise:
+        """Return the same noise, with motion in every bin that counts.
+
+        What rings in a resonance narrower than a bin seems incoherent.
+        """
+        heard: dict[int, tuple[int, BoolArray]] = {}
+        for group in look.groups:
+            heard |= dict.fromkeys(group.segments, (group.grid.samples, group.grid.counts > 0.0))
+        return replace(self, heard=heard)
+
     def moved(self, look: Band, band: Band) -> MotionAndNoise:
         """Return the motion and noise of a look with omitted samples filled in another band's.
 
@@ -169,11 +179,6 @@ def estimate_motion_and_noise(band: Band) -> MotionAndNoise:
         places = 1 + np.flatnonzero(np.any(moving[:, 1:], axis=0))
         if places.size:
             shown.append(frequency[np.minimum(places[[0, -1]], group.grid.last - 1)])
-    if not any(np.any(heard) for _, heard in heard_bins.values()):
-        # What rings in a resonance narrower than a bin seems incoherent: all of it counts.
-        for group in band.groups:
-            counted = group.grid.samples, group.grid.counts > 0.0
-            heard_bins |= dict.fromkeys(group.segments, counted)
     span = np.concatenate(shown) if shown else np.zeros(0)
     span = span if span.size else np.concatenate(all_bins)
     return MotionAndNoise(
