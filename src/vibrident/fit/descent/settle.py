@@ -104,11 +104,6 @@ class Settled:
         """Return the chance that noise alone leaves as much as V."""
         return chi2_tail(self.numbers, self.cost) if self.numbers > 0.0 else 1.0
 
-    @functools.cached_property
-    def minus_two_log_likelihood(self) -> float:
-        """Return −2 log of the likelihood of the data in the noise of the estimate."""
-        return minus_two_log_likelihood(self.places)
-
 
 @dataclass(frozen=True, eq=False)
 class InNoise:

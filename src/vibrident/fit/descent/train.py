@@ -11,10 +11,7 @@ import numpy as np
 from vibrident.base.errors import InputError, NotConverged
 from vibrident.data.records import FloatArray
 from vibrident.fit.descent.in_noise import iterate
-from vibrident.fit.descent.likelihoods import (
-    mean_minus_two_log_likelihood,
-    minus_two_log_likelihood,
-)
+from vibrident.fit.descent.likelihoods import mean_minus_two_log_likelihood
 from vibrident.fit.descent.rivals import NO_FIT, with_rivals
 from vibrident.fit.descent.settle import (
     MAX_START_COST,
@@ -299,24 +296,6 @@ class _Descents:
         return min(self.ends, key=lambda end: end.score)
 
     @property
-    def rivals(self) -> list[Descended]:
-        """Return the best descent, and the likeliest of the others, each in its own noise.
-
-        Noise that is known without a model may be too low where it is steep, and prefer what
-        follows it.
-        """
-        best = self.best
-        distant = [end for end in self.ends if _squared_distance(end, best) > 4.0 * START_TOLERANCE]
-        if not distant:
-            return [best]
-        try:
-            in_noise = [in_own_noise(end, self.survey.observed)[1] for end in distant]
-        except NO_FIT:
-            return [best]
-        likelihoods = [minus_two_log_likelihood(end.at.groups) for end in in_noise]
-        return [best, distant[int(np.argmin(likelihoods))]]
-
-    @property
     def cost_per_number(self) -> float:
         """Return V of the best for each number that shows motion."""
         return self.best.at.cost / self.count if self.count else np.inf
@@ -351,14 +330,12 @@ class _Descents:
             wider = with_model_error(self.weighting, best, self.count)
             ends = _descended(evidence, self.survey, wider, [best.values], progress)
             descents = replace(self, ends=ends)
-        settled = [
-            settle(end, self.survey.observed, self.weighting, progress, explains=explains)
-            for end in descents.rivals
-        ]
-        best = min(settled, key=lambda estimate: estimate.minus_two_log_likelihood)
-        if not (explains and evidence.model.shares):
+        observed = self.survey.observed
+        best = settle(descents.best, observed, self.weighting, progress, explains=explains)
+        if not explains:
             return best
-        return with_rivals(best, descents.ends, self.survey.observed, progress)
+        rivals = [end for end in descents.ends if end is not descents.best]
+        return with_rivals(best, rivals, observed, progress)
 
     def undescended(
         self, evidence: Evidence, places: Sequence[dict[str, float]]
