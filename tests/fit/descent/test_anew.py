@@ -23,6 +23,7 @@ from vibrident.physics.simulation import simulate, with_noise
 
 NO_SHARE_SEEN = "clean/below-light+delay=300/sweep/growing 0.5 %"
 LONG_DELAY = "clean/below-light+delay=300/sweep/1/f 0.3 %"
+TWO_MODES = "quantities/displacement/accelerometer+mode2=0.1/random"
 STEEP_NOISE = "clean/above-light+mode2=0.01/sweep/1/f 0.3 %"
 LOUD_REFERENCE = "noises/strong white, response pink/displacement/burst running"
 SENSOR = {"sensitivity": 0.1, "natural_frequency": 652.1, "damping_ratio": 0.05, "delay": 3e-4}
@@ -41,6 +42,11 @@ def test_the_grid_is_searched_again_in_the_noise_of_the_best_place_so_far():
 def test_what_is_coherent_is_told_beside_a_long_delay():
     """The motion of its own span was compared, not that before it: all seemed incoherent, no retry worth it."""
     assert judged(BY_NAME[LONG_DELAY].trial(141))["class"] == "right"
+
+
+def test_optima_are_compared_in_one_noise():
+    """Each in its own noise, a place 60 u away was likelier by 100: it leaves more in either."""
+    assert judged(BY_NAME[TWO_MODES].trial(142))["class"] == "right"
 
 
 def test_of_two_ends_the_likelier_in_its_own_noise_is_the_estimate():
