@@ -49,7 +49,7 @@ def test_optima_are_compared_in_one_noise():
     assert judged(BY_NAME[TWO_MODES].trial(142))["class"] == "right"
 
 
-def test_of_two_ends_the_likelier_in_its_own_noise_is_the_estimate():
+def test_of_two_ends_the_one_that_leaves_less_in_one_noise_is_the_estimate():
     """Without a model, steep noise of the lowest bins was too low: a mode at 0.17 Hz followed it."""
     assert judged(BY_NAME[STEEP_NOISE].trial(135))["class"] == "right"
 
