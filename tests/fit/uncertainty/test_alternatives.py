@@ -72,5 +72,5 @@ def test_a_sum_of_two_sensitivities_far_below_both_modes_is_not_one_of_them():
     """A mode of 2.5 Hz that hardly shows was stated as the sensor's, its sensitivity 585 u off."""
     trial = BY_NAME["quantities/acceleration/accelerometer+mode2=0.1/shock"].trial(141)
     result = identify(trial.calibration(), model=trial.model)
-    (told,) = [w.message for w in result.warnings if w.message.startswith("Another solution")]
-    assert "sensitivity" in told
+    (message,) = [w.message for w in result.warnings if w.message.startswith("Another solution")]
+    assert "sensitivity" in message

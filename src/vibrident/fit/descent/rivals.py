@@ -5,17 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
-import numpy as np
-
-from vibrident.base.errors import InputError, NotConverged
 from vibrident.fit.descent.in_noise import iterate
-from vibrident.fit.descent.settle import START_TOLERANCE, Descended, Settled, descend, settle
+from vibrident.fit.descent.settle import (
+    NO_FIT,
+    START_TOLERANCE,
+    Descended,
+    Settled,
+    descend,
+    settle,
+)
 from vibrident.fit.descent.weighting import Weighting
 from vibrident.fit.optimise import Progress
 from vibrident.fit.start.motion_and_noise import MotionAndNoise
-
-#: What a descent may raise that leads to no fit.
-NO_FIT = NotConverged, InputError, np.linalg.LinAlgError
 
 
 def with_rivals(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vibrident.base.errors import InputError
+from vibrident.base.errors import InputError, NotConverged
 from vibrident.base.tails import chi2_tail
 from vibrident.data.records import FloatArray
 from vibrident.fit.descent.in_noise import (
@@ -35,6 +35,8 @@ from vibrident.fit.problem.frequency_domain import Local
 from vibrident.fit.response.transform import power_of
 from vibrident.fit.start.motion_and_noise import MotionAndNoise
 
+#: What a descent may raise that leads to no fit.
+NO_FIT = NotConverged, InputError, np.linalg.LinAlgError
 #: Most rounds of descent and noise …
 MAX_ROUNDS = 16
 #: … and of moving the inputs to the delay.
@@ -121,11 +123,6 @@ class InNoise:
     explains: bool
     settled: Settled | None = None
 
-    @property
-    def chance(self) -> float:
-        """Return the chance that noise alone leaves as much as V; one of long records."""
-        return 1.0 if self.settled is None else self.settled.chance
-
     @classmethod
     def of(cls, settled: Settled) -> InNoise:
         """Return band and noise of an estimate, without the transforms of long records."""
@@ -150,10 +147,8 @@ class InNoise:
         if settled and settled.coordinates is coordinates and np.array_equal(settled.z, z):
             return iter(settled.places)
         band = at_all_bins_of or self.band
-        weights = self.weighting.of_groups(band)
-        if at_all_bins_of is not None:
-            weights = [replace(noise, excited=np.ones_like(noise.excited)) for noise in weights]
-        return places_in(band, coordinates, weights, z)
+        weighting = self.weighting.in_all_bins() if at_all_bins_of else self.weighting
+        return places_in(band, coordinates, weighting.of_groups(band), z)
 
     def at_noise_of(self, z: FloatArray, coordinates: Coordinates) -> InNoise:
         """Return the records in the noise estimated at z."""

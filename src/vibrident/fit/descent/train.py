@@ -12,9 +12,10 @@ from vibrident.base.errors import InputError, NotConverged
 from vibrident.data.records import FloatArray
 from vibrident.fit.descent.in_noise import iterate
 from vibrident.fit.descent.likelihoods import mean_minus_two_log_likelihood
-from vibrident.fit.descent.rivals import NO_FIT, with_rivals
+from vibrident.fit.descent.rivals import with_rivals
 from vibrident.fit.descent.settle import (
     MAX_START_COST,
+    NO_FIT,
     START_TOLERANCE,
     Descended,
     Settled,

@@ -101,7 +101,7 @@ class Fitted:
     def chance(self) -> float:
         """Return the chance that noise leaves as much of the records; one where not known."""
         in_noise = self.estimate.in_noise
-        return 1.0 if in_noise is None else in_noise.chance
+        return 1.0 if in_noise is None or in_noise.settled is None else in_noise.settled.chance
 
     def anew(self, evidence: Evidence, start: Mapping[str, float] | None = None) -> Fitted:
         """Return the same estimator's fit of other data.

@@ -85,10 +85,13 @@ def other_solutions(
         yield ResultWarning("weakly_determined", text)
     time_unit_s = 1.0 / (2.0 * np.pi * float(np.max(sought.frequency_hz)))
     chart = LogCoordinates(model, quantity, sought.frequency_hz, time_unit_s)
-    optima = [*rival_optima, *_optima_of_start(chart, differences(sought), solution, begin)]
+    goal = differences(sought)
+    met = [] if begin is None else [optimum for optimum, _ in begin.other_optima]
+    optima = [*rival_optima, *_optima_from(chart, goal, solution, met)]
     if model.shares:
-        optima += _optima_along_valley(chart, differences(sought), solution)
-        optima += _optima_with_mode_beyond(chart, differences(sought), solution)
+        optima += _optima_along_valley(chart, goal, solution)
+        beyond = _with_mode_beyond(model, values, float(np.max(sought.frequency_hz)))
+        optima += _optima_from(chart, goal, solution, beyond)
     known: list[Mapping[str, float]] = [values]
     rises = []
     for rise, optimum in optima:
@@ -102,19 +105,19 @@ def other_solutions(
         yield _warn_of_solutions(list(zip(rises, known[1:], strict=True)), solution, units)
 
 
-def _optima_of_start(
-    chart: LogCoordinates, goal: Residual, solution: Solution, begin: Start | None
+def _optima_from(
+    chart: LogCoordinates,
+    goal: Residual,
+    solution: Solution,
+    begins: Sequence[Mapping[str, float]],
 ) -> Iterator[tuple[float, dict[str, float]]]:
-    """Yield the optima that the search for start values met, each with its rise of χ².
+    """Yield the optima that descents from some values lead to, each with its rise of χ².
 
     A rise is over the χ² of the estimate.
     """
-    if begin is None or not begin.other_optima:
+    if not begins:
         return
-    places = [
-        chart.place(dict(values))
-        for values in (solution.values, *(values for values, _ in begin.other_optima))
-    ]
+    places = [chart.place(dict(values)) for values in (solution.values, *begins)]
     u = np.array([coordinates for coordinates, _ in places])
     sign = np.array([signs for _, signs in places])
     front = descend(chart, u, sign, goal, MAX_STEPS)
@@ -162,32 +165,24 @@ def _optima_along_valley(
         yield float(front.cost[row] - reference_cost), chart.named(front.u, front.sign, row)
 
 
-def _optima_with_mode_beyond(
-    chart: LogCoordinates, goal: Residual, solution: Solution
-) -> Iterator[tuple[float, dict[str, float]]]:
-    """Yield optima with the second mode far above the band, each with its rise of χ².
+def _with_mode_beyond(
+    model: SensorModel, values: Mapping[str, float], top_hz: float
+) -> list[dict[str, float]]:
+    """Return values with the second mode far above the band, which ends at ``top_hz``.
 
     There it adds a constant, and only the sum of both sensitivities is seen. It is an optimum where
     the mode of the estimate explains next to nothing.
     """
-    model = chart.model
-    values = solution.values
-    top_hz = float(np.max(chart.frequency_hz))
-    begins = [dict(values)]
+    beyond = list[dict[str, float]]()
     for add_on in model.add_ons:
         if not add_on.share or add_on.oscillator is None:
             continue
         frequency, damping = add_on.oscillator
         for share in SHARES_BEYOND:
-            beyond = {add_on.share: share, frequency: RATIO_BEYOND * top_hz, damping: 0.1}
-            total = values[model.gain_name]
-            begins.append({**values, **beyond, model.gain_name: total / (1.0 + share)})
-    places = [chart.place(begin) for begin in begins]
-    u = np.array([coordinates for coordinates, _ in places])
-    sign = np.array([signs for _, signs in places])
-    front = descend(chart, u, sign, goal, MAX_STEPS)
-    for row in range(1, len(begins)):
-        yield float(front.cost[row] - front.cost[0]), chart.named(front.u, front.sign, row)
+            mode = {add_on.share: share, frequency: RATIO_BEYOND * top_hz, damping: 0.1}
+            gain = values[model.gain_name] / (1.0 + share)
+            beyond.append({**values, **mode, model.gain_name: gain})
+    return beyond
 
 
 def _differ_clearly(
