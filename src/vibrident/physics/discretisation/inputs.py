@@ -142,22 +142,32 @@ def _spherical_bessel(order: int, x: float, sign: float) -> float:
 
 @functools.lru_cache(maxsize=64)
 def _filters(terms: int, kernel: Kernel, shift: float) -> NDArray[np.float64]:
-    """Return h_j[n] for n = 1 − half_width … half_width, shape (terms, 2 half_width).
+    """Return h_j[n] for n = 1 − half_width … :func:`_last_tap`, shape (terms, taps).
 
     ``shift``: samples by which the step starts late, in [0, 1).
     """
     half_width = kernel.half_width
-    offsets: FloatArray = np.arange(1.0 - half_width, half_width + 1.0) - shift
+    offsets: FloatArray = np.arange(1.0 - half_width, _last_tap(kernel, shift) + 1.0) - shift
     nodes, node_weights = legendre.leggauss(terms + 24)
     x = 0.5 * (nodes + 1.0)
     distance = x[:, None] - offsets[None, :]
     weights: FloatArray = np.sinc(distance) * _window(distance, kernel)
     weights += _polynomial_correction(weights, x, offsets, half_width)
-    basis = legendre.legvander(nodes, terms - 1)  # (nodes, terms)
-    moments = (2 * np.arange(terms) + 1)[:, None] * (0.5 * node_weights[:, None] * basis).T
-    filters = moments @ weights
+    # Gauss's quadrature; of a slow motion, the derivatives would enlarge its rounding errors, which
+    # least squares leave out.
+    root = np.sqrt(node_weights)
+    basis = root[:, None] * legendre.legvander(nodes, terms - 1)
+    filters = np.linalg.lstsq(basis, root[:, None] * weights)[0]
     filters.flags.writeable = False
     return filters
+
+
+def _last_tap(kernel: Kernel, shift: float) -> int:
+    """Return the last sample that the interpolation over a step reaches, counted from the step's.
+
+    A step that starts between two samples ends behind one more.
+    """
+    return kernel.half_width + (shift > 0.0)
 
 
 def _polynomial_correction(
@@ -206,15 +216,15 @@ def band_limited_inputs(
     n = samples.shape[0]
     lag = math.ceil(delay_samples)
     kernel = kernel_for(n)
-    half = kernel.half_width
     shift = lag - delay_samples  # step k starts at sample k − lag + shift
-    size = fast_length(n + 2 * half)
+    last = _last_tap(kernel, shift)
+    size = fast_length(n + kernel.half_width + last)
     spectrum = fft.rfft(np.where(valid, samples, 0.0), size)
     convolved = fft.irfft(spectrum * _spectra(terms, kernel, shift, size), size, axis=-1)
-    # The reversed filter's last sample belongs to offset 1 − half, so the step that starts at k
-    # sits at k + half.
+    # The reversed filter's first sample belongs to the last tap, so the step that starts at k sits
+    # that many samples later.
     return _aligned(
-        convolved[:, half : half + n].T,
+        convolved[:, last : last + n].T,
         lag,
         band_limited_filters(valid, terms, delay_samples),
     )
@@ -228,10 +238,11 @@ def band_limited_filters(
     ``band`` is as of :func:`kernel_for`.
     """
     kernel = kernel_for(valid.shape[0], band)
-    half = kernel.half_width
+    first = 1 - kernel.half_width
     lag = math.ceil(delay_samples)
-    usable = _delay_mask(_all_valid(valid, 1 - half, half), lag)
-    return StepFilters(_filters(terms, kernel, lag - delay_samples), 1 - half - lag, usable, 0.0)
+    shift = lag - delay_samples
+    usable = _delay_mask(_all_valid(valid, first, _last_tap(kernel, shift)), lag)
+    return StepFilters(_filters(terms, kernel, shift), first - lag, usable, 0.0)
 
 
 def filtered(
