@@ -16,7 +16,7 @@ from tests.support.tracked import ACCELEROMETER, fed, record, tracker
 from bench.against import ENVIRONMENTS, ask
 from bench.figures import Figure, Options, Section, steps
 from vibrident.data.records import FloatArray
-from vibrident.use.tracking.network import INPUT_TAPS, LinearisedCell, SensorNetwork
+from vibrident.use.tracking.network import LinearisedCell, SensorNetwork
 
 RUNS = 60
 SAMPLES = 8000
@@ -50,7 +50,7 @@ def measure(options: Options) -> Section:
         tracker_ = tracker(rng, u=START_U)
         start = tracker_.state.point[network.nuisances :] * tracker_.network.scale
         first = network.first
-        count = len(u) - INPUT_TAPS + 1
+        count = len(u) - network.taps + 1
         inputs = network.inputs(u, count)
         response = y[-first : count - first]
         out, _ = LinearisedCell.at_point(tracker_.network, np.ones(3)).run(

@@ -56,6 +56,7 @@ _WHERE = {
     "track": "vibrident.use.tracking.following",
     "SensorTracker": "vibrident.use.tracking.following",
     "sensitivity_matrix": "vibrident.use.triaxial",
+    "agreement": "vibrident.use.agreement",
     # documents and other programs
     "report": "vibrident.show.report",
     "check_certificate": "vibrident.show.issue",

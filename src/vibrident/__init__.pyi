@@ -33,6 +33,7 @@ from vibrident.result import Result as Result
 from vibrident.result.sensor import IdentifiedSensor as IdentifiedSensor
 from vibrident.show.issue import check_certificate as check_certificate
 from vibrident.show.report import report as report
+from vibrident.use.agreement import agreement as agreement
 from vibrident.use.correction import correct as correct
 from vibrident.use.identification import identify as identify
 from vibrident.use.inspection import inspect as inspect

@@ -125,7 +125,7 @@ def _template_values(
     net = tracked.network
     settings = tracked.settings
     thresholds = tracked.knowledge.thresholds
-    lag = net.first + network.INPUT_TAPS - 1
+    lag = net.first + net.taps - 1
     delay = float(sensor.model.delay_s(sensor.values)) if net.model.has_delay else 0.0
     late = round(delay * rate)
     start = [sensor.values[parameter] for parameter in net.model.parameter_names]
@@ -153,8 +153,8 @@ def _template_values(
         "BLOCK": str(settings.block),
         "PARTS": str(settings.segment_lengths),
         "LEVELS": str(settings.levels),
-        "TAPS": str(network.INPUT_TAPS),
-        "REFERENCES": str(network.INPUT_TAPS + max(0, -lag)),
+        "TAPS": str(net.taps),
+        "REFERENCES": str(net.taps + max(0, -lag)),
         "RESPONSES": str(1 + max(0, lag)),
         "CORRECTOR_TAPS": str(2 * REACH + 1),
         "CORRECTOR_LATENCY": str(REACH + late),

@@ -19,25 +19,40 @@ from vibrident.use.comparison import COVERAGE_FACTOR
 
 @dataclass(frozen=True)
 class Equivalence:
-    """Deviation of a laboratory's value from the weighted mean of all."""
+    """Deviation of a laboratory's value from the weighted mean of all.
 
-    difference: float  # the value less the mean
-    # U of the difference, k = 2: U² = 4 (u² − u_mean²), as the value is part of the mean
+    Attributes:
+        difference: the value less the mean, in the unit of the values.
+        expanded: U of the difference, k = 2: U² = 4 (u² − u_mean²), as the value is part of the
+            mean.
+        e_n: difference over ``expanded``; None where the value is all of the mean.
+    """
+
+    difference: float
     expanded: float
-    e_n: float | None  # difference over ``expanded``; None where the value is all of the mean
+    e_n: float | None
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """Consistency of several values of one quantity."""
+    """Consistency of several values of one quantity.
 
-    mean: float  # weighted by 1/u²
-    u: float  # its standard uncertainty
-    chi2: float  # observed χ² of the differences; of ``degrees_of_freedom``
+    Attributes:
+        mean: weighted by 1/u², in the unit of the values.
+        u: standard uncertainty of the mean.
+        chi2: observed χ² of the differences.
+        degrees_of_freedom: of χ², the number of values less one.
+        probability: of a larger χ² for consistent values, which are taken for consistent from 0.05
+            on.
+        laboratories: one a value, in the order given.
+    """
+
+    mean: float
+    u: float
+    chi2: float
     degrees_of_freedom: int
-    # of a larger χ² for consistent values; they are taken for consistent from 0.05 on
     probability: float
-    laboratories: tuple[Equivalence, ...]  # in the order given
+    laboratories: tuple[Equivalence, ...]
 
 
 def agreement(values: Sequence[float], uncertainties: Sequence[float]) -> Agreement:
@@ -49,6 +64,14 @@ def agreement(values: Sequence[float], uncertainties: Sequence[float]) -> Agreem
 
     Raises:
         InputError: there are fewer than two, or an uncertainty is not a positive number.
+
+    Examples:
+        >>> import vibrident
+        >>> comparison = vibrident.agreement([0.1002, 0.1004, 0.1003], [2e-4, 2e-4, 1e-4])
+        >>> round(comparison.mean, 5)
+        0.1003
+        >>> comparison.probability > 0.05  # the values are consistent
+        True
     """
     x = np.asarray(values, float)
     u = np.asarray(uncertainties, float)

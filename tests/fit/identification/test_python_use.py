@@ -1,10 +1,9 @@
-"""What Python's users are promised: the calls of the contract, short representations, and the examples of the docs."""
+"""What users of Python are promised: the calls of the contract, and short representations."""
 
 import re
 
 import numpy as np
 import pytest
-from tests.support.sources import ROOT
 
 import vibrident
 from vibrident.base.errors import InputError
@@ -118,22 +117,6 @@ def test_representations_are_short(calibration, result):
     too_long = [type(each).__name__ for each in shown if len(repr(each)) > 2000]
     assert not too_long
     assert repr(result.parameters["delay"].value)[:6] in repr(result)
-
-
-REPORT = pytest.param("docs/report.md", marks=pytest.mark.needs("report"))
-
-
-@pytest.mark.parametrize("page", ["README.md", "docs/python.md", REPORT, "docs/exports.md"])
-def test_the_examples_of_the_docs_run(page, calibration, result, tmp_path, monkeypatch):
-    """In a folder with a ``calibration.toml``; ``result``, ``first`` and ``second`` are results."""
-    write_calibration(tmp_path, calibration)
-    monkeypatch.chdir(tmp_path)
-    examples = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL)
-    assert examples
-    given = {"vibrident": vibrident, "result": result, "first": result, "second": result, "np": np}
-    for example in examples:
-        exec(compile(example, page, "exec"), given)
-    assert isinstance(given["result"], Result)
 
 
 def test_curves_are_arrays_that_survive_the_file(result, tmp_path):

@@ -102,5 +102,5 @@ def _without_password(match: re.Match[str]) -> str:
 
 def _unusable(problem: str, value: str, where: str) -> InputError:
     return InputError(
-        problem, expected=FORMS, found=value, where=where, remedy="docs/history.md shows each form"
+        problem, expected=FORMS, found=value, where=where, remedy="use one of these forms"
     )

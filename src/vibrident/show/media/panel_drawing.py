@@ -55,7 +55,7 @@ def draw_panel(axes: Axes, panel: Panel, *, last: bool) -> None:
     for series in panel.series:
         _DRAWN[series.kind](axes, series)
     if panel.square:
-        axes.set_aspect("equal", "datalim")
+        axes.set_aspect("equal", "box")
 
 
 def _set_axis(of: Any, scale: Any, limits: Any, axis: Axis) -> None:

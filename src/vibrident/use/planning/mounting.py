@@ -131,7 +131,7 @@ def predict_mounted(
             "The result has no mounting.",
             f"a result with '+{_mounting().name}', or the frequency of the mounting",
             f"model {sensor.model.name!r}",
-            "state the frequency of the mounting, √(k/m)/2π",
+            "state the frequency of the mounting, √(k/m)/2π, by ⟦plan.frequency_hz⟧",
         )
     mounted = _scale_coupling(mounted, stiffness, mass)
     if frequencies_hz is None:

@@ -26,7 +26,6 @@ from vibrident.physics.models import SensorModel
 from vibrident.physics.models.slopes import STEP
 from vibrident.physics.models.state_space import realise
 
-INPUT_TAPS = 2 * HALF_WIDTH  # samples of the reference that the inputs of a step need
 STEPS_AT_ONCE = 16  # steps of the cell in one product
 #: Largest factor by which a positive parameter moves at once: beyond it the linearisation fails.
 MAX_STEP_FACTOR = 2.0
@@ -45,7 +44,7 @@ class SensorNetwork:
     terms: int  # inputs a step, q
     delay_s: float  # delay at which the inputs are interpolated, s
     scale: FloatArray  # of the parameters, shape (P,), in their units
-    filters: FloatArray  # from samples of the reference to inputs, shape (q, TAPS)
+    filters: FloatArray  # from samples of the reference to inputs, shape (q, taps)
     first: int  # sample of the first tap, counted from the step's
 
     @classmethod
@@ -76,9 +75,8 @@ class SensorNetwork:
         direct = len(system.numerator) > len(system.denominator) - 1
         terms = exact.terms(model.fastest(values) * interval_s, direct=direct)
         delay = float(model.delay_s(values)) if model.has_delay else 0.0
-        band_filters = exact.filters(
-            np.ones(10 * INPUT_TAPS, dtype=bool), terms, delay / interval_s
-        )
+        long_record = np.ones(20 * HALF_WIDTH, dtype=bool)
+        band_filters = exact.filters(long_record, terms, delay / interval_s)
         typical = 2.0 * np.pi * model.typical_frequency(values)
         scale = [
             1.0 / typical if spec.kind == "time" else abs(values[spec.name]) or 1.0
@@ -100,6 +98,11 @@ class SensorNetwork:
         """Return the number of states n."""
         unit_values = dict.fromkeys(self.model.parameter_names, 1.0)
         return len(self.model.rational(unit_values, self.quantity).denominator) - 1
+
+    @property
+    def taps(self) -> int:
+        """Return the number of samples of the reference that the inputs of a step need."""
+        return self.filters.shape[1]
 
     @property
     def parameters(self) -> int:
@@ -157,9 +160,9 @@ class SensorNetwork:
     def inputs(self, reference: FloatArray, steps: int) -> FloatArray:
         """Return the inputs of ``steps`` steps, shape (steps, q).
 
-        ``reference``: at least steps + INPUT_TAPS − 1 samples.
+        ``reference``: at least steps + taps − 1 samples.
         """
-        needed = reference[: steps + INPUT_TAPS - 1]
+        needed = reference[: steps + self.taps - 1]
         return np.array(
             [np.correlate(needed, each, "valid") for each in self.filters], dtype=float
         ).T

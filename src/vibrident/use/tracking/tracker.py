@@ -20,7 +20,7 @@ from vibrident.use.tracking import information
 from vibrident.use.tracking.detection import NORMAL_KURTOSIS, extend_segments
 from vibrident.use.tracking.knowledge import Knowledge
 from vibrident.use.tracking.learner import PARTS_OF_FIRST_BLOCK, Learner
-from vibrident.use.tracking.network import INPUT_TAPS, LinearisedCell, SensorNetwork
+from vibrident.use.tracking.network import LinearisedCell, SensorNetwork
 from vibrident.use.tracking.state import Alarm, State, TrackedEstimate, TrackerSettings
 from vibrident.use.tracking.tones import Tone
 
@@ -203,7 +203,7 @@ class Tracker:
             queues.append(np.concatenate([waiting, new[skipped:]]))
         s.reference, s.response = queues
         while (
-            steps := min(len(s.response), len(s.reference) - INPUT_TAPS + 1, MAX_STEPS_AT_ONCE)
+            steps := min(len(s.response), len(s.reference) - net.taps + 1, MAX_STEPS_AT_ONCE)
         ) > 0:
             self._take(net.inputs(s.reference, steps), s.response[:steps])
             s.reference = s.reference[steps:]
