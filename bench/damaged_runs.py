@@ -96,17 +96,17 @@ def _paths_in(folder: Path) -> set[str]:
     return {str(path.relative_to(folder)) for path in folder.rglob("*")}
 
 
-_WHOLE: dict[str, bytes] = {}
+_UNDAMAGED_FILES: dict[str, bytes] = {}
 
 
 def _undamaged(*, result: bool) -> dict[str, bytes]:
-    if not _WHOLE:
+    if not _UNDAMAGED_FILES:
         with tempfile.TemporaryDirectory() as folder:
-            _WHOLE.update(whole_files(Path(folder)))
-    if result and "result.json" not in _WHOLE:
+            _UNDAMAGED_FILES.update(whole_files(Path(folder)))
+    if result and "result.json" not in _UNDAMAGED_FILES:
         with tempfile.TemporaryDirectory() as folder:
-            _WHOLE["result.json"] = whole_result(Path(folder))
-    return _WHOLE
+            _UNDAMAGED_FILES["result.json"] = whole_result(Path(folder))
+    return _UNDAMAGED_FILES
 
 
 def arguments(target: Path) -> list[str]:

@@ -10,7 +10,7 @@ from bench.publish import put_between
 from vibrident.show.media import markdown
 
 ROOT = Path(__file__).parents[1]
-KEPT = ROOT / "bench" / "results" / "fleet.json"
+STORED_FIGURES = ROOT / "bench" / "results" / "fleet.json"
 PAGE = ROOT / "studies" / "fleet.md"
 CORES = (16, 100, 1000)  # cores of the plan
 #: How often a data file is read: for its key, by its reader, and for its key once more.
@@ -20,9 +20,11 @@ MILLION = 1_000_000
 
 def keep(name: str, figures: dict[str, Any]) -> None:
     """Keep a part's figures, and write the page where all are there."""
-    figures_by_name = json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.is_file() else {}
+    figures_by_name = (
+        json.loads(STORED_FIGURES.read_text(encoding="utf-8")) if STORED_FIGURES.is_file() else {}
+    )
     figures_by_name[name] = figures
-    KEPT.write_text(json.dumps(figures_by_name, indent=1) + "\n", encoding="utf-8")
+    STORED_FIGURES.write_text(json.dumps(figures_by_name, indent=1) + "\n", encoding="utf-8")
     if {"speed", "memory", "study"} <= figures_by_name.keys():
         put_between(
             PAGE,

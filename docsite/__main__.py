@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from docsite import executed, gallery, schemas, studies, walkthrough, warnings
-from docsite.made import MADE
+from docsite.made import PAGE_MAKERS
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 
@@ -19,7 +19,7 @@ def main() -> None:
     if names := sys.argv[1:]:
         executed.write(DOCS, names)
         return
-    for name, content in MADE.items():
+    for name, content in PAGE_MAKERS.items():
         (DOCS / name).write_text(content(), encoding="utf-8")
     for name, schema in schemas.SCHEMAS.items():
         (DOCS / name).parent.mkdir(exist_ok=True)

@@ -73,7 +73,7 @@ MOTIONS = (
         "sweep, random, multisine",
         "0.02 to 2",
         _lines(20, 2000, 5),
-        "all, and what no model says",
+        "all parameters, and what the model lacks",
         worse=LINE_WORSE,
     ),
     Motion(

@@ -15,7 +15,7 @@ from docsite.studies import STUDIES
 from docsite.walkthrough import PAGES
 from vibrident.base.warning_kinds import WARNINGS
 
-MADE: Mapping[str, Callable[[], str]] = {
+PAGE_MAKERS: Mapping[str, Callable[[], str]] = {
     "index.md": first_steps,
     "models.md": models,
     "excitation.md": excitations,
@@ -25,7 +25,7 @@ MADE: Mapping[str, Callable[[], str]] = {
 }
 #: Every page that is not in git; pages with pictures among them.
 MADE_PAGES = (
-    *MADE,
+    *PAGE_MAKERS,
     *PAGES,
     "gallery/index.md",
     *(f"notebooks/{program.stem}.md" for program in sorted(PROGRAMS.glob("*.py"))),

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from vibrident.app.cli import SELDOM
+from vibrident.app.cli import COLLECTION_THRESHOLD_OBJECTS
 from vibrident.base.memory import keep_freed, use_one_thread
 
 # The threads of two test processes would wait for each other. NumPy reads it when it is loaded.
@@ -85,7 +85,7 @@ def pytest_collection_finish() -> None:
     """Modules and tests stay until the end: looking for garbage among them again and again took seconds."""
     gc.collect()
     gc.freeze()
-    gc.set_threshold(SELDOM)
+    gc.set_threshold(COLLECTION_THRESHOLD_OBJECTS)
     gc.enable()
 
 

@@ -36,6 +36,8 @@ Definition = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
 def names_of(node: ast.AST) -> Iterator[str]:
     if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
         yield node.id
+    elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
+        yield node.attr
     elif isinstance(node, ast.arg):
         yield node.arg
     elif isinstance(node, Definition):
@@ -44,7 +46,7 @@ def names_of(node: ast.AST) -> Iterator[str]:
 
 def complaints_about(module: str, node: ast.AST) -> Iterator[str]:
     for name in names_of(node):
-        if name.strip("_") in RIDDLES and (module, name) not in KNOWN_TO_USERS:
+        if name.strip("_").lower() in RIDDLES and (module, name) not in KNOWN_TO_USERS:
             yield f"{name} does not say what it holds"
         if name.lstrip("_").startswith(VAGUE_BOUNDS):
             yield f"{name}: MAX_ or MIN_, the quantity and its unit"
@@ -79,10 +81,10 @@ def test_no_name_beside_the_sources_is_a_riddle():
                 continue
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
                 for name in names_of(node):
-                    if name.strip("_") in RIDDLES:
+                    if name.strip("_").lower() in RIDDLES:
                         place = f"{path.relative_to(ROOT)}:{node.lineno}"
                         complaints.append(f"{place}: {name} does not say what it holds")
-    assert complaints == []
+    assert complaints == [], "\n".join(complaints)
 
 
 def test_a_class_name_stands_for_one_class():

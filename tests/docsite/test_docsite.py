@@ -13,7 +13,7 @@ from docsite.excitations import excitations
 from docsite.first_steps import first_steps
 from docsite.gallery import SHOTS
 from docsite.hooks import linked
-from docsite.made import MADE, MADE_PAGES
+from docsite.made import MADE_PAGES, PAGE_MAKERS
 from docsite.models import models
 from tests.support.sources import ROOT
 
@@ -89,9 +89,9 @@ def test_the_page_of_the_calibration_file_says_what_each_key_takes():
     assert [row for row in rows if not (row[1].strip(". ") and row[3].strip())] == []
 
 
-@pytest.mark.parametrize("name", MADE)
+@pytest.mark.parametrize("name", PAGE_MAKERS)
 def test_links_between_pages_lead_somewhere(name, nav):
-    for target in re.findall(r"\]\(([^)#:]+\.md)(?:#[^)]*)?\)", MADE[name]()):
+    for target in re.findall(r"\]\(([^)#:]+\.md)(?:#[^)]*)?\)", PAGE_MAKERS[name]()):
         study = target.startswith("../studies/") and (ROOT / "docs" / target).is_file()
         assert target in nav or study
 

@@ -15,7 +15,17 @@ from vibrident.base.errors import InputError, NotConverged
 from vibrident.paper import published
 from vibrident.paper.black_box import Recurrent
 from vibrident.paper.bound import cramer_rao
-from vibrident.paper.dataset import RUN_IN, RUN_OUT, SCORED, SENSOR, Dataset, cut, outliers, prepare, simulate_section_4
+from vibrident.paper.dataset import (
+    RUN_OUT,
+    SCORED,
+    SENSOR,
+    WARM_UP_STEPS,
+    Dataset,
+    cut,
+    outliers,
+    prepare,
+    simulate_section_4,
+)
 from vibrident.paper.experiment import MSV_3000, VIBROMETER, interferometer, seismometer
 from vibrident.paper.least_squares import from_sine_fits
 from vibrident.paper.metrics import Metrics, curve_deviation
@@ -114,13 +124,13 @@ def test_the_papers_own_tables_break_them():
 
 def test_scored_samples_of_the_windows_meet_without_gap_or_overlap(data: Dataset):
     training, held_back = cut(data)
-    per_record = (4000 - RUN_IN - RUN_OUT) // SCORED
+    per_record = (4000 - WARM_UP_STEPS - RUN_OUT) // SCORED
     assert len(training.targets) + len(held_back.targets) == 17 * per_record
-    assert np.all(training.score[:, :RUN_IN] == 0.0)
-    assert np.all(training.score[:, RUN_IN:] == 1.0)
+    assert np.all(training.score[:, :WARM_UP_STEPS] == 0.0)
+    assert np.all(training.score[:, WARM_UP_STEPS:] == 1.0)
     first = data.calibration.records[data.training[0]].response / data.response.unit
-    assert np.array_equal(training.targets[0], first[: RUN_IN + SCORED])
-    assert np.array_equal(training.targets[1], first[SCORED : RUN_IN + 2 * SCORED])
+    assert np.array_equal(training.targets[0], first[: WARM_UP_STEPS + SCORED])
+    assert np.array_equal(training.targets[1], first[SCORED : WARM_UP_STEPS + 2 * SCORED])
 
 
 @pytest.mark.parametrize("name", ["euler", "bandlimited"])

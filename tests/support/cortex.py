@@ -28,7 +28,7 @@ def missing() -> str | None:
 
 
 @dataclass(frozen=True)
-class Said:
+class CortexOutput:
     """What the example printed: value and u of each parameter; of each alarm its place, time, and values before and
     after; instructions a sample, mean and most; bytes of tracker and stack; and the state that it saved."""
 
@@ -39,7 +39,7 @@ class Said:
     state: bytes
 
 
-def run(sources: Path, u: Real, y: Real) -> Said:
+def run(sources: Path, u: Real, y: Real) -> CortexOutput:
     """The example with the exported ``sensor.h`` and ``sensor.c`` of a folder, over these samples."""
     folder = sources / "cortex"
     shutil.copytree(EXAMPLE, folder, dirs_exist_ok=True)
@@ -57,7 +57,7 @@ def run(sources: Path, u: Real, y: Real) -> Said:
         lines = [line for line in text.splitlines() if line.startswith(word)]
         return [[float(each) for each in re.findall(r"(?<![\w.])-?\d[\w.+-]*", line)] for line in lines]
 
-    return Said(
+    return CortexOutput(
         [each[1:] for each in numbers("parameter")],
         numbers("alarm"),
         numbers("instructions")[0],

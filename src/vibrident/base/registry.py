@@ -114,6 +114,11 @@ class Registry(Generic[T]):
         names = (*self._built_in, *self._added, *self._registered)
         return tuple(name for name in names if name not in self._problems)
 
+    def built_in_names(self, folder: str) -> tuple[str, ...]:
+        """Return the names of the built-in objects in a folder; nothing is loaded."""
+        begin = f"vibrident.{folder.replace('/', '.')}."
+        return tuple(name for name, module in self._built_in.items() if module.startswith(begin))
+
     def __contains__(self, name: object) -> bool:
         return name in self.names()
 

@@ -37,7 +37,7 @@ def codes(sensor: ExportedSensor, options: Options) -> tuple[str, str, str, str]
             ),
             found=repr(text),
             where="⟦export.channel⟧",
-            remedy="correct it",
+            remedy="state four codes, such as XX.SENS.00.HHZ, or leave ⟦export.channel⟧ out",
         )
     network, station, location, channel = match.groups()
     return network, station, location, channel

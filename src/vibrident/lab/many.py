@@ -97,7 +97,7 @@ def identify_many(
             expected="workers of 1 or more, and refused 'raise' or 'return'",
             found=f"workers={workers!r}, refused={refused!r}",
             where="identify_many",
-            remedy="correct it",
+            remedy="leave out the setting, or give one of the expected values",
         )
     if workers > 1 and not (model is None or isinstance(model, str)):
         raise ModelError(

@@ -266,7 +266,7 @@ def reference_signal(record: Record) -> FloatArray:
 
 
 #: Steps of a window that are run and not scored, also at the beginning of a record.
-RUN_IN = 512
+WARM_UP_STEPS = 512
 #: Steps of a window that are scored.
 SCORED = 512
 #: Steps at the end of a record that are not scored.
@@ -333,10 +333,10 @@ def cut(dataset: Dataset, network_inputs: NetworkInputs = AS_SAMPLED) -> tuple[W
 
 
 def _cut_record(dataset: Dataset, record: Record, network_inputs: NetworkInputs) -> Windows:
-    starts = np.arange(0, record.samples - RUN_OUT - RUN_IN - SCORED + 1, SCORED)
-    take = starts[:, None] + np.arange(RUN_IN + SCORED)
+    starts = np.arange(0, record.samples - RUN_OUT - WARM_UP_STEPS - SCORED + 1, SCORED)
+    take = starts[:, None] + np.arange(WARM_UP_STEPS + SCORED)
     score = record.mask.astype(float)[take]
-    score[:, :RUN_IN] = 0.0
+    score[:, :WARM_UP_STEPS] = 0.0
     return Windows(
         network_inputs.of(record, dataset.reference.unit)[take],
         (record.response / dataset.response.unit)[take],
@@ -346,7 +346,7 @@ def _cut_record(dataset: Dataset, record: Record, network_inputs: NetworkInputs)
 
 def scored(record: Record) -> slice:
     """Return the samples of a whole record on which predictions are compared."""
-    return slice(RUN_IN, record.samples - RUN_OUT)
+    return slice(WARM_UP_STEPS, record.samples - RUN_OUT)
 
 
 def whole_records(

@@ -73,6 +73,6 @@ def filled(text: str, tables: Sequence[Table], where: str) -> str:
             "<!-- reproduce:begin table4 --> … <!-- reproduce:end table4 -->",
             found="none of them",
             where=where,
-            remedy="give a document with marks, studies/paper.md say",
+            remedy="give a document with such marks, for example studies/paper.md",
         )
     return text

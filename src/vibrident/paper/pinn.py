@@ -61,9 +61,15 @@ def fit_pinn(
 ) -> TrainedSensor:
     """Train on the middle of the training records, in float64.
 
-    Start values are those of the unrolled network. ``dataset``: records of one sampling rate,
-    acceleration or drive as reference; ``model``: an accelerometer without add-ons; ``near``: first
-    estimate of its parameters; ``schedule``: its batch is ``BATCH_POINTS`` points instead.
+    Start values are those of the unrolled network.
+
+    Args:
+        dataset: records of one sampling rate, with acceleration or drive as reference.
+        model: an accelerometer without add-ons.
+        near: first estimate of its parameters, by name.
+        schedule: of the training; its batch is ``BATCH_POINTS`` points instead.
+        seed: of the random numbers.
+        progress: called after each epoch.
     """
     records = [dataset.calibration.records[i] for i in dataset.training]
     span = min(SPAN_STEPS, *(record.samples for record in records))

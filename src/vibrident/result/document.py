@@ -184,7 +184,7 @@ def read_document(path: str | os.PathLike[str]) -> Any:
             expected="a JSON file written by ⟦command = identify⟧",
             found="no file of that name" if isinstance(error, FileNotFoundError) else str(error),
             where=str(path),
-            remedy="check the path",
+            remedy="give the path of a result.json, or write it anew by ⟦command = identify⟧",
         ) from error
     return document
 

@@ -29,11 +29,11 @@ from vibrident.show.numbers import plain, printed, reference_quantity, reference
 from vibrident.show.points import measured_band
 from vibrident.show.setting_tables import budget
 from vibrident.show.views import (
-    Beside,
     Block,
     Document,
     Fact,
     Facts,
+    Gallery,
     K,
     Letterhead,
     Section,
@@ -66,7 +66,7 @@ def certificate(result: Result, issue: Issue = NOTHING_MORE) -> Document:
         head.append(Sentence(translate("text", "tracked")))
     head += [*not_certified(result, translate), *_amendment(result, translate)]
     stated = certified(result)
-    head += [Beside(groups(stated, translate)), Signatures(signatures(stated, translate))]
+    head += [Gallery(groups(stated, translate)), Signatures(signatures(stated, translate))]
     view = document(title(result, translate), tuple(head), _sections(stated, issue, translate))
     return replace(
         view,

@@ -76,7 +76,7 @@ def _signal(signal: Signal, frequency_hz: float | None, common: tuple[float, flo
         values[shown_samples] for values in (signal.measured, signal.predicted, signal.residual)
     )
     time, clock = from_start(time[shown_samples])
-    # one unit for all records, but where one is far smaller
+    # One unit serves all records, except where one is far smaller.
     sizes = largest(measured), largest(residual)
     size, small = (
         scaled(signal.unit, a if b > a / 500 else b) for a, b in zip(common, sizes, strict=True)
@@ -88,9 +88,8 @@ def _signal(signal: Signal, frequency_hz: float | None, common: tuple[float, flo
     )
     residual_line = Series(time, residual * small.factor, "residual", Look(BLUE, width=0.8))
     called = frequency_text(frequency_hz) if frequency_hz else ""
-    name = " · ".join(
-        dict.fromkeys(shown_samples for shown_samples in (called, signal.record) if shown_samples)
-    )
+    labels = dict.fromkeys(label for label in (called, signal.record) if label)
+    name = " · ".join(labels)
     x = axes.linear(clock, time, most=4, margin=0.02)
     upper = axes.linear(
         f"Response\nin {size.unit}", np.concatenate([line.y for line in lines]), most=4

@@ -103,7 +103,7 @@ def _form_of(path: str | os.PathLike[str]) -> Form:
         expected="a name that ends in .html, .pdf or .md, or form=…",
         found=os.fspath(path),
         where="report",
-        remedy="give one of the two",
+        remedy="end the name in .html, .pdf or .md, or pass form='html', 'pdf' or 'md'",
     )
 
 

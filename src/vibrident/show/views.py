@@ -278,13 +278,13 @@ class Folded:
 
 
 @dataclass(frozen=True)
-class Beside:
+class Gallery:
     """Small pictures or lists, as many beside each other as there is room for."""
 
     blocks: tuple[Block, ...]
 
 
-Block = Sentence | Facts | Signatures | Cards | Doubt | Table | Figure | Beside | Folded
+Block = Sentence | Facts | Signatures | Cards | Doubt | Table | Figure | Gallery | Folded
 
 
 @dataclass(frozen=True, eq=False)

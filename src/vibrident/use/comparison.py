@@ -303,5 +303,5 @@ def read_truth(path: str | os.PathLike[str]) -> NamedNumbers:
             expected=f"a truth.json that ⟦command = simulate⟧ wrote (schema {TRUTH_SCHEMA})",
             found=f"{type(error).__name__}: {error}",
             where=str(path),
-            remedy="check the path",
+            remedy="give the truth.json that lies beside the simulated calibration",
         ) from error

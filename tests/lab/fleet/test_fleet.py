@@ -43,7 +43,7 @@ def data(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def outcome(data, deadly_site, run_fleet):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("vibrident.lab.fleet.batch._TRIES_ALONE", 0)  # each try is a process that has to start
+        patch.setattr("vibrident.lab.fleet.batch._ATTEMPTS_ALONE", 0)  # each try is a process that has to start
         return run_fleet([data], data.parent / "out", workers=2, time_limit_s=4.0)
 
 

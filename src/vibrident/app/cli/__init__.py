@@ -15,9 +15,9 @@ from vibrident.base.memory import keep_freed, use_one_thread
 
 __all__ = ["app", "main"]
 
-#: Objects after which the first garbage is looked for: libraries that are loaded make many, and no
-#: garbage.
-SELDOM = 50_000
+#: Number of new objects at which the interpreter first looks for garbage. Libraries that are loaded
+#: make many objects, and no garbage.
+COLLECTION_THRESHOLD_OBJECTS = 50_000
 
 
 def main(page: Callable[..., None] | None = None) -> None:
@@ -28,7 +28,7 @@ def main(page: Callable[..., None] | None = None) -> None:
     Args:
         page: what ``vibrident serve`` calls; None: there is no page.
     """
-    gc.set_threshold(SELDOM)
+    gc.set_threshold(COLLECTION_THRESHOLD_OBJECTS)
     use_one_thread()
     keep_freed()
     end_on_signals()

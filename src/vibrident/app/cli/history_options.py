@@ -79,7 +79,7 @@ def build_question(
             expected="a parameter, or the sensitivity at a frequency",
             found="both",
             where="--quantity, --frequency",
-            remedy="give one of the two",
+            remedy="leave out --quantity or --frequency",
         )
     from vibrident.lab.history.document import Question
     from vibrident.lab.history.schema import REFERENCE_SENSITIVITY

@@ -16,7 +16,7 @@ from vibrident.base.errors import InputError, unknown
 from vibrident.base.fields import Fields, NamedTexts
 from vibrident.export.registry import EXPORTS
 from vibrident.fit.registry import ESTIMATORS
-from vibrident.physics.registry import MODELS
+from vibrident.physics.registry import ADD_ONS, MODELS
 
 EXCITATIONS = ("sine", "multisine", "sweep", "random", "shock")
 QUANTITIES = ("acceleration", "velocity", "displacement", "drive", "force")
@@ -142,11 +142,18 @@ def _with(option: str) -> str:
     return ", ".join(name for name, form in EXPORTS.all().items() if option in form.options)
 
 
+def _cores() -> list[str]:
+    """Return the names of the models that stand alone."""
+    add_ons = MODELS.built_in_names(ADD_ONS)
+    return [name for name in MODELS.names() if name not in add_ons]
+
+
 #: Placeholder in a help text → function that gives the registered names.
 REGISTERED: Mapping[str, Callable[[], str]] = {
     "{exports}": lambda: "|".join(EXPORTS.names()),
     "{add-ons apart}": lambda: ", ".join(not_rational()),
-    "{models}": lambda: ", ".join(MODELS.names()),
+    "{cores}": lambda: ", ".join(_cores()),
+    "{add-ons}": lambda: ", ".join(MODELS.built_in_names(ADD_ONS)),
     "{estimators}": lambda: "|".join(estimator_names()),
     "{estimators by name}": lambda: ", ".join(ESTIMATORS.names()),
     **{

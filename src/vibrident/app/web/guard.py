@@ -32,7 +32,7 @@ _HEADERS = {
     "cross-origin-opener-policy": "same-origin",
     "cross-origin-resource-policy": "same-origin",
 }
-_STRANGER = (
+_UNKNOWN_HOST = (
     "The page is not known by this name. Open the address that the server printed, or start the "
     "server with this name among its own."
 )
@@ -106,7 +106,7 @@ class Guard:
         """Return the answer to a request that the page shall not answer; None if it may."""
         length = request.headers.get("content-length", "0")
         if self._is_foreign(request):
-            return _refusal(403, _STRANGER)
+            return _refusal(403, _UNKNOWN_HOST)
         if not length.isdecimal() or len(length) > _MAX_LENGTH_DIGITS:
             return _refusal(400, "The length of the request is not a number.")
         if int(length) > self._limit:

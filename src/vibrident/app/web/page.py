@@ -135,7 +135,7 @@ def _offer_earlier_work(user: User) -> None:
         row.props["aria-label"] = translate("Earlier work")
         ui.label(translate("Go on with earlier work:"))
         for earlier in closed_tabs[:_MAX_OFFERED_TABS]:
-            last_seen = time.strftime("%Y-%m-%d %H:%M", time.localtime(earlier.seen))
+            last_seen = time.strftime("%Y-%m-%d %H:%M", time.localtime(earlier.last_seen_s))
             files = translate_count(len(earlier.session.names), "{count} file", "{count} files")
             results = translate_count(len(earlier.results), "{count} result", "{count} results")
             label = f"{files}, {results}, {last_seen}"

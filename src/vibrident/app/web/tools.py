@@ -198,8 +198,8 @@ def _require_band(task: Task, options: GivenFields) -> None:
     if low is high is None or (low is not None and high is not None and low < high):
         return
     raise InputError(
-        "The band is not a band.",
-        expected="a lower and a higher frequency, or neither",
+        "The band needs a lower and a higher frequency.",
+        expected="the lower frequency first, or neither",
         found=f"from {low or 'nothing'} to {high or 'nothing'}",
         where=f"“{task.fields['low_hz'].label}”, “{task.fields['high_hz'].label}”",
         remedy="fill in both, or leave both empty",

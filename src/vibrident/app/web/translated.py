@@ -18,13 +18,13 @@ from vibrident.show.media import charts as media
 from vibrident.show.media import html
 from vibrident.show.views import (
     Axis,
-    Beside,
     Block,
     Column,
     Doubt,
     Facts,
     Figure,
     Folded,
+    Gallery,
     Panel,
     Sentence,
     Series,
@@ -40,7 +40,7 @@ _WORDS: Mapping[type, Sequence[str]] = {
     Doubt: ("title", "meaning", "action", "remedy"),
     Facts: ("rows", "title"),
     Folded: ("summary", "blocks"),
-    Beside: ("blocks",),
+    Gallery: ("blocks",),
     Figure: ("title", "caption", "note", "stacks"),
     Stack: ("panels",),
     Panel: ("x", "y", "series", "title", "marks", "empty"),

@@ -41,7 +41,7 @@ class User:
         self.profile = ""  # of the laboratory, by name; empty for none
         self.notice = ""
         self.client: Any = None
-        self.seen = time.time()
+        self.last_seen_s = time.time()
 
     @classmethod
     def restored(cls, users: Any, folder: Path) -> User | None:
@@ -54,7 +54,7 @@ class User:
             user.session.restore(state["session"])
             user.form = state["form"]
             user.confirmed = state["confirmed"]
-            user.seen = state["seen"]
+            user.last_seen_s = state["last_seen_s"]
             user.profile = state["profile"]
             user.results = [named for named in state["results"] if named.path.exists()]
             if user.form is not None:
@@ -76,7 +76,7 @@ class User:
             guess = replace(form.guess, chart=b"")
             touched: Any = sorted(form.touched)
             form = replace(form, guess=guess, touched=touched)
-        fields = ("owner", "tab", "seen", "confirmed", "profile", "results")
+        fields = ("owner", "tab", "last_seen_s", "confirmed", "profile", "results")
         state = {
             **{name: getattr(self, name) for name in fields},
             "session": self.session.state,

@@ -23,8 +23,8 @@ from vibrident.base.errors import InputError
 from vibrident.base.process import Limits
 from vibrident.base.sandbox import WarmProcess, run
 
-# seconds for which a page's state is kept without a browser, by a server that keeps nothing on disk
-KEPT_S = 3600.0
+#: Time for which a page without a browser is kept by a server that keeps nothing on disk, s.
+MAX_IDLE_S = 3600.0
 _WRITE_S = 0.3  # seconds between two rounds that write what has changed
 # most users; beyond, the one who left first is evicted; if nobody has left, a new one is refused
 MAX_USERS = 50
@@ -132,7 +132,7 @@ class Users:
         )
         user = user or self._new(client.tab_id, owner)
         user.client = client
-        user.seen = time.time()
+        user.last_seen_s = time.time()
         return user
 
     def closed_tabs_of(self, owner: str) -> list[User]:
@@ -142,7 +142,7 @@ class Users:
             for user in self.members
             if owner and user.owner == owner and not (user.connected or user.empty)
         ]
-        return sorted(mine, key=lambda user: -user.seen)
+        return sorted(mine, key=lambda user: -user.last_seen_s)
 
     def hand_over(self, closed: User, user: User) -> bool:
         """Give a tab the state of a closed one; return whether that still exists.
@@ -192,14 +192,14 @@ class Users:
         now = time.time()
         for user in list(self.members):
             if user.connected or user.busy:
-                user.seen = now
-            elif now - user.seen > (_ROUND_S if user.empty else self.keep_s or KEPT_S):
+                user.last_seen_s = now
+            elif now - user.last_seen_s > (_ROUND_S if user.empty else self.keep_s or MAX_IDLE_S):
                 self._drop(user)
 
     def _drop_oldest(self) -> bool:
         gone = [user for user in self.members if not (user.connected or user.busy)]
         if gone:
-            self._drop(min(gone, key=lambda user: user.seen))
+            self._drop(min(gone, key=lambda user: user.last_seen_s))
         return bool(gone)
 
     def _drop(self, user: User) -> None:

@@ -219,15 +219,17 @@ class ClockReader:
                     return None
             if not needed and times.size < _MIN_STAMPS:
                 return None
-            if np.count_nonzero(np.diff(times) < 0.0) > _MAX_BACKWARDS * times.size:
-                needed = True
-                raise _rows_out_of_order(column)
-            return timeline_of(column, times, unit_s)
+            backwards = np.count_nonzero(np.diff(times) < 0.0)
+            is_sorted = backwards <= _MAX_BACKWARDS * times.size
+            timeline = timeline_of(column, times, unit_s) if is_sorted else None
         except InputError:  # text, missing ones, or times that go back: no clock
             if needed:
                 raise
             self._unread.add(id(column.source))
             return None
+        if timeline is None:
+            raise _rows_out_of_order(column)
+        return timeline
 
     def _require_one_clock(
         self, source: ColumnFile, column: int, timeline: Timeline, channels: set[int]

@@ -50,7 +50,7 @@ def read_signal(
             expected="⟦correct.time⟧ with the column of the times, or ⟦correct.rate_hz⟧",
             found="neither",
             where=str(path),
-            remedy="give one of the two",
+            remedy="give ⟦correct.rate_hz⟧ if the table has no column of times",
         )
     conversion = response_conversion(signal, ResponseSection(scale=scale, unit=unit), unit)
     aligned = align(ClockedChannel(signal, values, clock), None, None, None, str(path))

@@ -18,7 +18,7 @@ from vibrident.base.errors import InputError
 from vibrident.data.io.columns import Clock, StartTime
 from vibrident.data.io.header_units import is_time
 from vibrident.data.io.sampling import SAME_RATE, plainest_clock
-from vibrident.data.io.text_head import OF_ANYTHING
+from vibrident.data.io.text_head import GENERIC_NAMES
 from vibrident.data.io.units import factor_between
 from vibrident.data.io.vocabulary import VOCABULARY
 
@@ -34,7 +34,7 @@ _MEANINGS = {word: meaning for meaning, words in VOCABULARY["metadata"].items() 
 _MEANINGS |= {
     word: meaning
     for meaning, key in (("rate", "rate"), ("interval", "interval"), ("unit", "units"))
-    for word in map(_plain_word, {*VOCABULARY["head"][key]} - OF_ANYTHING)
+    for word in map(_plain_word, {*VOCABULARY["head"][key]} - GENERIC_NAMES)
     if len(word) > 2
 }
 _SUFFIXES: dict[str, float] = VOCABULARY["metadata_suffixes"]

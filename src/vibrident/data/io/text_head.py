@@ -20,8 +20,8 @@ from vibrident.data.io.vocabulary import VOCABULARY
 
 #: Keys of a statement, by what they state.
 _KEYS: dict[str, list[str]] = VOCABULARY["head"]
-#: Of a sampling if they have a unit of it.
-OF_ANYTHING = frozenset(
+#: Names of many quantities, which state a sampling where a value with its unit follows.
+GENERIC_NAMES = frozenset(
     {"rate", "sampling", "abtastung", "delta", "increment", "interval", "intervall"}
 )
 _CLOCKS = ("rate", "interval")
@@ -90,7 +90,7 @@ def statements(line: HeadLine, delimiter: str) -> Iterator[HeadStatement]:
         values = _trimmed([cell.strip() for cell in re.split(gap, remainder)])
         unit = (match["bracket"] or match["word"] or "").strip()
         numbers = [_NUMBER.match(value) for value in values]
-        is_bare = match[0].strip(_SEPARATORS + "|({/#%*! ").lower() in OF_ANYTHING and not (
+        is_bare = match[0].strip(_SEPARATORS + "|({/#%*! ").lower() in GENERIC_NAMES and not (
             unit or any(number and _unit(number[2]) for number in numbers)
         )
         is_unit = kind == "dimension" or any(parse_unit(value) is not None for value in values)

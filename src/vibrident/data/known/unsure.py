@@ -129,5 +129,5 @@ def _require_sizes(name: str, sizes: FloatArray) -> None:
             expected="finite numbers, 0 or above",
             found=", ".join(f"{value:g}" for value in sizes[:6]),
             where="known response",
-            remedy="correct it",
+            remedy="correct the uncertainties in the file that states the response",
         )

@@ -317,7 +317,7 @@ DCC = Format(
 
 
 _XSD = "{http://www.w3.org/2001/XMLSchema}"
-_BROUGHT = "http://www.w3.org/"  # W3C namespaces that xmlschema contains
+_INCLUDED_NAMESPACES = "http://www.w3.org/"  # W3C namespaces that xmlschema contains
 
 
 def validate(text: bytes, schema: Path) -> None:
@@ -388,7 +388,7 @@ def _imports(schema: Path, etree: Any) -> tuple[dict[str, str], list[str]]:
             if local is None:
                 missing.update(
                     {}
-                    if name.startswith(_BROUGHT)
+                    if name.startswith(_INCLUDED_NAMESPACES)
                     else {f"{schema_location} ({name or 'included'})": None}
                 )
                 continue

@@ -20,14 +20,12 @@ from vibrident.base.fft_lengths import fast_length
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.bins.exponentials import wave_bins
 from vibrident.fit.departures.rows import LOST, in_time, orthonormal, rank_of, without
-from vibrident.fit.departures.sums import Errors, ExactSums, RecordInformation, Sums
+from vibrident.fit.departures.sums import MIN_UNFOLLOWED, Errors, ExactSums, RecordInformation, Sums
 from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.response.response import MIN_RELATIVE_DEVIATION, ComplexArray
 from vibrident.fit.response.tones import HARMONICS
 from vibrident.physics.discretisation.inputs import USABLE_BAND
 
-#: Columns of which nuisances and coordinates leave less than this part, in squares, tell nothing.
-MIN_UNFOLLOWED = 1e-7
 #: Blocks of a record in time, between which it may change.
 BLOCKS = 32
 #: Stretches of a record over which its noise may change.

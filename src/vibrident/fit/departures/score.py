@@ -25,12 +25,10 @@ import numpy as np
 
 from vibrident.base.tails import f_tail
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.fit.departures.sums import ExactSums, RecordInformation, Sums
+from vibrident.fit.departures.sums import MIN_UNFOLLOWED, ExactSums, RecordInformation, Sums
 from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.response.rounding import TRIALS
 
-#: Columns of which the parameters leave less than this part, in squares, tell nothing: rounding.
-MIN_UNFOLLOWED = 1e-7
 #: Part of the covariance below which the converters count for nothing.
 MIN_ROUNDING_SHARE = 1e-3
 #: Halvings of an interval in which the critical value of a test lies.

@@ -10,6 +10,10 @@ import numpy as np
 
 from vibrident.data.records import FloatArray
 
+#: Columns of which nuisances and coordinates leave less than this part, in squares, tell nothing:
+#: what is left is rounding.
+MIN_UNFOLLOWED = 1e-7
+
 
 @dataclass(frozen=True, eq=False)
 class Errors:
@@ -84,14 +88,20 @@ class Sums:
     """Products of m columns with the residual, each other and the Jacobian.
 
     Those of records add up. Those of several records and places are stacked along axes in front.
+
+    Attributes:
+        score: D e, shape (…, m).
+        gram: D Dᵀ, shape (…, m, m).
+        cross: D Jᵀ, shape (…, m, P).
+        shift: shift of the coordinates per unit amount of each column, for records with
+            coordinates of their own, shape (…, m, P).
+        least: D Dᵀ beside the parameters below which a column tells nothing, shape (…, m).
     """
 
-    score: FloatArray  # D e, shape (…, m)
-    gram: FloatArray  # D Dᵀ, shape (…, m, m)
-    cross: FloatArray  # D Jᵀ, shape (…, m, P)
-    #: Of the coordinates by a unit of each column, of records with their own, shape (…, m, P).
+    score: FloatArray
+    gram: FloatArray
+    cross: FloatArray
     shift: FloatArray
-    #: Of D Dᵀ beside the parameters, below which a column tells nothing, shape (…, m).
     least: FloatArray
 
     def _map(self, change: Callable[[str, FloatArray], FloatArray]) -> Self:

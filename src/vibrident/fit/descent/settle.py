@@ -53,8 +53,9 @@ FINAL_TOLERANCE = 1e-3
 MAX_START_COST = 1.5
 #: V of an estimate over the least there beyond which it is rejected, in the noise without a model.
 MAX_COST_RATIO = 2.0
-#: Ratio of the likelihoods below which the likelier of two places is the estimate (Royall 1997).
-MAX_CHANCE_OF_LIKELIER = 1e-4
+#: Likelihood of the best place over that of another, below which the other is the estimate (Royall
+#: 1997).
+MAX_LIKELIHOOD_RATIO = 1e-4
 #: Least fraction of the information that remains beside that of noise of the reference.
 MIN_INFORMATION = 0.2
 
@@ -348,8 +349,7 @@ def settle(
         observed: motion and noise before any model.
         first: the noise known without a model.
         progress: called after each iteration.
-        explains: whether that explains the records but for noise; if not, it is the estimate: in
-            the noise of a misfit no other place is better.
+        explains: whether ``best`` leaves only noise; if not, it is returned as it is.
     """
     coordinates = best.coordinates
     end = best
@@ -377,7 +377,7 @@ def settle(
         # Steep noise is not known well without a model: what is far likelier is the estimate.
         likelihoods = [minus_two_log_likelihood(place.at.groups) for place in (best, end)]
         gain = likelihoods[0] - likelihoods[1]
-        if not gain > -2.0 * np.log(MAX_CHANCE_OF_LIKELIER):
+        if not gain > -2.0 * np.log(MAX_LIKELIHOOD_RATIO):
             weighting = noise_of_best
             end = best
             trace = best.trace
@@ -393,11 +393,10 @@ def _costs_less(end: Descended, weighting: Weighting, best: Descended) -> bool:
     band = end.band.with_nuisances(best.band.tones, edges=best.band.edges)
     weights = weighting.of_groups(band)
     if band is end.band:
-        bound = sum(
-            float(np.sum(noise.weight(place.group, power_of(place.through)) * power))
-            for place, noise in zip(end.at.groups, weights, strict=True)
-            for power in [power_of(place.rows.residual)]
-        )
+        bound = 0.0
+        for place, noise in zip(end.at.groups, weights, strict=True):
+            weight = noise.weight(place.group, power_of(place.through))
+            bound += float(np.sum(weight * power_of(place.rows.residual)))
         if bound <= limit:
             return True
     return iterate(band, end.coordinates, weights, end.z).cost <= limit

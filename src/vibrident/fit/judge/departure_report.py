@@ -22,7 +22,7 @@ from vibrident.physics.naming import in_words
 from vibrident.result import Finding, ResultWarning
 
 #: Of a model with a bent spring.
-BESIDE_ITS_MIDDLE = (
+OFF_CENTRE = (
     "The model has a spring that is bent alike on both sides of its rest; one that rests beside "
     "its middle, as under a static load, is not, and the parameters are off by more than their "
     "uncertainty says."
@@ -253,9 +253,7 @@ class _Report:
             )
         pronoun = "it" if len(group.departures) == 1 else "them"
         consequence = (
-            BESIDE_ITS_MIDDLE
-            if self._is_bent_spring(group)
-            else self._without(first, group, pronoun)
+            OFF_CENTRE if self._is_bent_spring(group) else self._without(first, group, pronoun)
         )
         return ResultWarning(first.code, f"{text} {consequence}")
 

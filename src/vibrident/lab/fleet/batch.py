@@ -111,7 +111,9 @@ class Identifier:
             ) from death
 
 
-_TRIES_ALONE = 2  # attempts for a calibration alone: the process may have been ended from outside
+_ATTEMPTS_ALONE = (
+    2  # attempts for a calibration alone: the process may have been ended from outside
+)
 _PROBLEMS = {
     "time": (
         "Identifying this calibration takes too long.",
@@ -194,7 +196,7 @@ def _process(orders: Orders) -> Identifier:
 
 
 def _row(process: Identifier, task: Task) -> Row:
-    for _ in range(1 + _TRIES_ALONE):
+    for _ in range(1 + _ATTEMPTS_ALONE):
         try:
             return process.identify(task)
         except ProcessDied as death:

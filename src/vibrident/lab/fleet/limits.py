@@ -114,16 +114,16 @@ def _check(specification: Specification, where: str) -> None:
             )
         if limit.half_width == 0:
             raise InputError(
-                "A per cent of zero is zero.",
+                "A relative tolerance needs a nominal value other than zero.",
                 expected="tolerance, in the parameter's unit, where nominal is 0",
                 found=f"tolerance_percent = {limit.tolerance_percent!r}",
                 where=location,
-                remedy="give tolerance",
+                remedy="give tolerance in place of tolerance_percent",
             )
         first = numbers.setdefault((limit.type, limit.parameter), number)
         if first != number:
             raise InputError(
-                "Two limits are for the same.",
+                "Two limits are stated for one parameter of one type.",
                 expected="one limit for each type and parameter",
                 found=f"{limit.parameter!r} of {limit.type or 'every type'}, as in entry {first}",
                 where=location,

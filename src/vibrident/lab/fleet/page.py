@@ -28,7 +28,6 @@ from vibrident.show import words
 from vibrident.show.media import html
 from vibrident.show.numbers import NONE, pair
 from vibrident.show.views import (
-    Beside,
     Block,
     Card,
     Cards,
@@ -36,6 +35,7 @@ from vibrident.show.views import (
     Document,
     Facts,
     Folded,
+    Gallery,
     Sentence,
     Table,
     columns,
@@ -202,7 +202,7 @@ def _distributions(fleet: Statistics, specification: Specification) -> Iterator[
                 for each in group.distributions
                 if is_derived(each.parameter) == derived
             ]
-            gallery = Beside(tuple(drawn))
+            gallery = Gallery(tuple(drawn))
             if drawn:
                 yield Folded("Derived parameters", (gallery,)) if derived else gallery
     if fleet.hidden_groups:
@@ -368,4 +368,4 @@ def _throughput(seconds: np.ndarray, tally: Tally, began_at: float) -> Iterator[
         counts, edges = np.histogram(positive, 30, (0.0, top))
         durations = Histogram(edges, counts, 0, int((positive > top).sum()))
         drawn.append(histogram(durations, "seconds of a calibration"))
-    yield Beside(tuple(drawn))
+    yield Gallery(tuple(drawn))

@@ -30,7 +30,9 @@ from vibrident.lab.fleet.row import FAILED, IDENTIFIED, Row
 _TEXTS = ("key", "status", "message", "serial_number", "type", "model", "estimator", "units")
 _NUMBERS = ("chi2_reduced", "seconds", "finished", "time_limit_s", "memory_limit_bytes")
 _FLAGS = ("adequate", "passing")
-_LEFT_S = 3600.0  # age from which an unfinished file belongs to a process that has ended
+_ABANDONED_FILE_AGE_S = (
+    3600.0  # age from which an unfinished file belongs to a process that has ended
+)
 PACKED = np.dtype("S32")  # type of an array of keys
 
 
@@ -119,7 +121,7 @@ def remove_left(folder: Path) -> None:
     """Remove unfinished files of processes that were killed."""
     for path in folder.glob(f".*{files.ENDING}"):
         with contextlib.suppress(OSError):
-            if time.time() - path.stat().st_mtime > _LEFT_S:
+            if time.time() - path.stat().st_mtime > _ABANDONED_FILE_AGE_S:
                 path.unlink()
 
 

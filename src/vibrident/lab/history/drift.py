@@ -29,9 +29,8 @@ from scipy.special import ndtr
 from vibrident.base.fields import NamedNumbers
 from vibrident.data.records import BoolArray, FloatArray
 
-_QUANTILE_BISECTIONS = (
-    45  # bisections of the interval that holds a quantile: they resolve 10⁻¹² of it
-)
+#: Bisections of the interval that holds a quantile; they resolve 10⁻¹² of it.
+_QUANTILE_BISECTIONS = 45
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,9 +76,12 @@ class Mixture:
         return (high - low) / 4
 
 
-GRID_NODES = 13  # variances, evenly spaced in their logarithm, in units of the noise
-_LOG_RANGE = (-6.0, 14.0)  # of these variances
-_MIN_NODE_WEIGHT = 1e-9  # a node with less adds nothing to a probability that is printed
+#: Number of variances of the grid, evenly spaced in their logarithm, in units of the noise …
+GRID_NODES = 13
+#: … and the logarithms of the smallest and the largest.
+_LOG_RANGE = (-6.0, 14.0)
+#: Weight below which a node adds nothing to a probability that is printed.
+_MIN_NODE_WEIGHT = 1e-9
 HYPOTHESES = ("line", "random walk", "line and random walk", "still")
 #: Prior probabilities of the hypotheses, times 11: with these, 95 % intervals contain about 95 % in
 #: each distinguishable kind of life. Without ``still``, the intervals of a stable sensor are too
@@ -89,12 +91,19 @@ PRIOR_WEIGHTS = (1.0, 4.0, 4.0, 2.0)
 
 @dataclass(frozen=True, eq=False)
 class _Solved:
-    """Solution at each of m nodes, with covariance Σ and design X of shape (n, p)."""
+    """Solution at each of m nodes, with covariance Σ and design X of shape (n, p).
 
-    gain: FloatArray  # G = Σ⁻¹X(XᵀΣ⁻¹X)⁻¹, shape (m, n, p): Gᵀy estimates the free coefficients
-    back: FloatArray  # covariance of that estimate, shape (m, p, p)
-    projector: FloatArray  # Σ⁻¹ − G XᵀΣ⁻¹, shape (m, n, n)
-    likelihood: FloatArray  # logarithm of the REML likelihood, but for a constant, shape (m,)
+    Attributes:
+        gain: G = Σ⁻¹X(XᵀΣ⁻¹X)⁻¹, shape (m, n, p); Gᵀy estimates the free coefficients.
+        coefficient_covariance: of that estimate, shape (m, p, p).
+        projector: Σ⁻¹ − G XᵀΣ⁻¹, shape (m, n, n).
+        likelihood: logarithm of the REML likelihood, less a constant, shape (m,).
+    """
+
+    gain: FloatArray
+    coefficient_covariance: FloatArray
+    projector: FloatArray
+    likelihood: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,9 +185,10 @@ class SensorDrift:
         projector = np.asarray(contrasts @ np.linalg.inv(spread) @ contrasts.T, dtype=float)
         plain = np.linalg.pinv(design).T
         gain = plain - projector @ (sigma @ plain)
-        back = np.asarray(np.swapaxes(gain, 1, 2) @ sigma @ gain, dtype=float)
+        covariance = np.asarray(np.swapaxes(gain, 1, 2) @ sigma @ gain, dtype=float)
         misfit = projector @ self.value @ self.value
-        return _Solved(gain, back, projector, -0.5 * (misfit + np.linalg.slogdet(spread)[1]))
+        likelihood = -0.5 * (misfit + np.linalg.slogdet(spread)[1])
+        return _Solved(gain, covariance, projector, likelihood)
 
     @cached_property
     def weight(self) -> FloatArray:
@@ -240,7 +250,7 @@ class SensorDrift:
         weighty = self._weighty
         line, walk = (kind[weighty, None] for kind in self._variances[:2])
         gain = solved.gain[weighty]
-        back = solved.back[weighty]
+        coefficient_covariance = solved.coefficient_covariance[weighty]
         projector = solved.projector[weighty]
         present = self.group == self.group[-1]
         k = self._process(self.time, time, present[:, None])[weighty] + shared[:, None]
@@ -253,7 +263,7 @@ class SensorDrift:
         spread = (
             variances
             - np.sum(k * explained, axis=1)
-            + (back @ level @ level)[:, None]
+            + (coefficient_covariance @ level @ level)[:, None]
             - 2 * (carried @ k)[:, 0]
         )
         return mean, np.sqrt(np.maximum(spread, _MIN_NODE_WEIGHT * self.noise))
@@ -289,5 +299,7 @@ class SensorDrift:
         step = (np.arange(self.time.size) >= after).astype(float)
         design = np.column_stack([self._levels, step])
         solved = self._solve(design)
-        spread = np.sqrt(np.maximum(solved.back[:, -1, -1], _MIN_NODE_WEIGHT * self.noise))
+        spread = np.sqrt(
+            np.maximum(solved.coefficient_covariance[:, -1, -1], _MIN_NODE_WEIGHT * self.noise)
+        )
         return Mixture(self._weighed(solved), solved.gain[:, :, -1] @ self.value, spread)

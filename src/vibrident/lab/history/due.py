@@ -12,7 +12,8 @@ from vibrident.lab.history.life import DAYS_A_YEAR, Life
 
 RISK = 0.05  # probability of being outside the tolerance at which a calibration is due
 FARTHEST_YEARS = 20.0  # latest date considered, in years after the last calibration
-_LOOKS = 24  # coarse dates at which the risk is computed, between two of which the date is refined
+#: Number of coarse dates at which the risk is computed; the date is refined between two of them.
+_COARSE_DATES = 24
 #: ILAC-G24 / OIML D 10, method 1: found within this part of the tolerance, the interval is
 #: extended, else reduced.
 STAIRCASE_PART = 0.8
@@ -88,16 +89,16 @@ def _first_date(life: Life, tolerance: Tolerance) -> datetime.date | None:
     It is the day of the calibration if the limit is reached already.
     """
     assert life.drift is not None
-    looks = np.concatenate([[0.0], np.geomspace(1 / 24, FARTHEST_YEARS, _LOOKS)])
+    dates = np.concatenate([[0.0], np.geomspace(1 / 24, FARTHEST_YEARS, _COARSE_DATES)])
     limits = tolerance.limits(life)
     while True:
-        is_outside = life.drift.outside(life.years[-1] + looks, *limits) >= RISK
+        is_outside = life.drift.outside(life.years[-1] + dates, *limits) >= RISK
         if not is_outside.any():
             return None
         first = int(np.argmax(is_outside))
-        if first == 0 or looks[first] - looks[first - 1] < 0.5 / DAYS_A_YEAR:
-            return later(life.entries[-1].date, float(looks[first]))
-        looks = np.linspace(looks[first - 1], looks[first], _LOOKS)
+        if first == 0 or dates[first] - dates[first - 1] < 0.5 / DAYS_A_YEAR:
+            return later(life.entries[-1].date, float(dates[first]))
+        dates = np.linspace(dates[first - 1], dates[first], _COARSE_DATES)
 
 
 def interval_in_force(life: Life) -> float:

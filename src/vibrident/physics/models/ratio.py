@@ -13,7 +13,7 @@ from typing import Any
 
 Coefficients = tuple[Any, ...]  # ascending powers of s
 
-_ONE: Coefficients = (1,)
+_UNIT_POLYNOMIAL: Coefficients = (1,)
 
 
 class Ratio:
@@ -26,7 +26,9 @@ class Ratio:
     __slots__ = ("denominator", "numerator")
     __array_ufunc__ = None  # NumPy leaves the operators to this class, and refuses functions of it
 
-    def __init__(self, numerator: Coefficients, denominator: Coefficients = _ONE) -> None:
+    def __init__(
+        self, numerator: Coefficients, denominator: Coefficients = _UNIT_POLYNOMIAL
+    ) -> None:
         self.numerator: Coefficients = numerator
         self.denominator: Coefficients = denominator
 
@@ -71,7 +73,7 @@ class Ratio:
         if not isinstance(power, int):
             return NotImplemented
         if power == 0:
-            return Ratio(_ONE)
+            return Ratio(_UNIT_POLYNOMIAL)
         result = self
         for _ in range(abs(power) - 1):
             result = result * self
@@ -170,9 +172,9 @@ def _sum(first: Coefficients, second: Coefficients) -> Coefficients:
 
 def product(first: Coefficients, second: Coefficients) -> Coefficients:
     """Return the product of two polynomials with ascending coefficients."""
-    if second is _ONE:
+    if second is _UNIT_POLYNOMIAL:
         return first
-    if first is _ONE:
+    if first is _UNIT_POLYNOMIAL:
         return second
     if len(first) == 1:
         return tuple([_times(first[0], coefficient) for coefficient in second])

@@ -11,7 +11,6 @@ from urllib.parse import quote
 from vibrident.base.escaping import markdown, markdown_paragraph
 from vibrident.show.formulas import marked, typeset
 from vibrident.show.views import (
-    Beside,
     Block,
     Cards,
     Document,
@@ -19,6 +18,7 @@ from vibrident.show.views import (
     Facts,
     Figure,
     Folded,
+    Gallery,
     Sentence,
     Signatures,
     Table,
@@ -83,7 +83,7 @@ def _block(block: Block, pictures: Mapping[str, str]) -> str:
         )
     if isinstance(block, Doubt):
         return _doubt(block)
-    if isinstance(block, Folded | Beside):
+    if isinstance(block, Folded | Gallery):
         return "\n\n".join(_blocks(block.blocks, pictures))
     if isinstance(block, Figure):
         link = pictures.get(block.name)

@@ -18,12 +18,12 @@ from vibrident.base.version import __version__
 from vibrident.show.formulas import Mixed, Words, formulas
 from vibrident.show.media import drawing
 from vibrident.show.views import (
-    Beside,
     Block,
     Document,
     Facts,
     Figure,
     Folded,
+    Gallery,
     Sentence,
     Signatures,
     Table,
@@ -159,7 +159,7 @@ def _block(block: Block) -> dict[str, Any]:
     if isinstance(block, Facts | Signatures):
         rows = [{"label": label, "text": text} for label, text in block.rows]
         return {"kind": kind, "rows": rows, "title": getattr(block, "title", "")}
-    if isinstance(block, Folded | Beside):
+    if isinstance(block, Folded | Gallery):
         return {"kind": kind, "blocks": [_block(inner) for inner in block.blocks]}
     raise TypeError(f"A PDF has no {kind} yet.")
 

@@ -224,5 +224,5 @@ def _require_positive(**settings: float) -> None:
                 expected="a finite number above 0",
                 found=repr(value),
                 where="SensorTracker",
-                remedy="correct it",
+                remedy=f"give {name} a number above 0, or leave it out",
             )

@@ -75,7 +75,7 @@ _LIMITS = option(
 _INTERVAL = between(
     "--interval",
     "YEARS",
-    "In force, years.",
+    "Interval in force, years.",
     1e-3,
     1e3,
     default="between the last two calibrations",
@@ -201,7 +201,7 @@ interval, and the staircase."""
             expected="a tolerance such as 1%, or a file of limits by type",
             found="none" if limits is None else "both",
             where="--tolerance, --limits",
-            remedy="give one of the two",
+            remedy="give --tolerance or --limits, not both",
         )
     from vibrident.lab.history import query, tables
     from vibrident.lab.history.document import all_due, of_sensor

@@ -22,8 +22,8 @@ _DETAILS = "Settings of an estimator"
 _detail = partial(option, panel=_DETAILS)
 _LONG = "Long records"
 _MODEL = (
-    "Sensor model, in place of the file's, of {models}; add-ons with +. For several files one for "
-    "all, or one each, joined by commas."
+    "Sensor model, in place of the file's: {cores}. Add-ons follow with +: {add-ons}. For several "
+    "files one for all, or one each, joined by commas."
 )
 _EXCERPTS = (
     "Keep in result.json the samples of records that pictures in reports show; most of its size."
@@ -60,8 +60,8 @@ def identify(
     uncertainty: str = choice(
         "--uncertainty",
         options.UNCERTAINTIES,
-        "What they cover: noise alone; inflated, the misfit too; auto, the misfit where the model "
-        "is rejected.",
+        "What the uncertainties cover: noise alone; inflated, the misfit too; auto, the misfit "
+        "where the model is rejected.",
         "auto",
     ),
     band: str | None = option(

@@ -27,7 +27,7 @@ _STORE = option(
     default="VIBRIDENT_STORE, else a file in the user's data folder",
 )
 _DRAFT = argument("ID", "Number of the draft.")
-_BY = option("--by", "NAME", "Who does it.", default="the account")
+_BY = option("--by", "NAME", "Name of the person who acts.", default="the account")
 _FOLDER = option("--out", "DIR", "Folder for the files.", Path(), "the current one")
 
 

@@ -207,7 +207,7 @@ def _planned_for(model: str | None, source: Path | None, values: NamedNumbers) -
             expected="--model with its parameters, or --from RESULT",
             found="neither" if source is None else "both",
             where="--model, --from",
-            remedy="give one of the two",
+            remedy="give either --model and its parameters, or --from alone",
         )
     return load_result(source) if source is not None else str(model)
 

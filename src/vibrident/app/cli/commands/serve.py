@@ -31,7 +31,12 @@ def serve(
         "--limit-mb", "MB", "Most megabytes of one user's files.", 1, 1e6, 100.0
     ),
     keep: float = between(
-        "--keep", "HOURS", "How long the work of who left is kept on disk; 0: not.", 0, 8760, 24.0
+        "--keep",
+        "HOURS",
+        "Hours for which the work of users who left stays on disk; 0 keeps none.",
+        0,
+        8760,
+        24.0,
     ),
     name: list[str] | None = option(
         "--name", "NAME", "A further host name of the page; may be repeated."

@@ -111,7 +111,7 @@ def simulate(
     optics: str | None = option(
         "--optics", "KEY=VALUE,…", f"Its faults: {', '.join(KEYS)}.", default=False, panel=_LIGHT
     ),
-    seed: int = _noise("--seed", "N", "Of everything random.", 0, min=0),
+    seed: int = _noise("--seed", "N", "Seed of all random numbers.", 0, min=0),
     force: bool = flag("--force", help="Write into a folder that is not empty."),
 ) -> None:
     """Simulate a calibration: records, calibration.toml for identify, and truth.json."""

@@ -43,7 +43,7 @@ _OF_CORNERS = ("highpass_hz", "lowpass_hz", "gain", "corner_uncertainty")
 _HZ: GivenFields = {"kind": "number", "in_form": ("Hz", 1.0)}
 _PERCENT: GivenFields = {"in_form": ("%", 100.0)}
 #: Key → its words in the form, and what differs from the file there.
-_ASKED: Mapping[str, tuple[str, GivenFields]] = {
+_FILE_FIELDS: Mapping[str, tuple[str, GivenFields]] = {
     "file": (phrase("File"), {"kind": "choice"}),
     "frequency": (phrase("Frequency: column"), {}),
     "magnitude": (phrase("Magnitude: column"), {}),
@@ -62,7 +62,10 @@ _ASKED: Mapping[str, tuple[str, GivenFields]] = {
 _FILE_KEYS = keys_of(KnownResponseEntry)
 KEYS = [
     Key("stated_as", _FILE, "choice", _WAYS, None, "", phrase("Stated")),
-    *(replace(_FILE_KEYS[name], title=words, **more) for name, (words, more) in _ASKED.items()),
+    *(
+        replace(_FILE_KEYS[name], title=words, **more)
+        for name, (words, more) in _FILE_FIELDS.items()
+    ),
 ]
 
 
