@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from bench.adversary.cases import BY_NAME
 
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.data.screening import screen
@@ -87,3 +90,28 @@ def test_a_sensor_that_begins_at_rest_is_not_wild(rng: np.random.Generator) -> N
     shape = 0.01 / (0.01 - f**2 + 0.02j * f)
     response = np.fft.irfft(np.fft.rfft(reference, 2 * N) * shape, 2 * N)[:N]
     assert not left_out(reference, response + 1e-3 * rng.standard_normal(N)).any()
+
+
+@pytest.mark.parametrize(
+    ("case", "run"),
+    [
+        ("clean/above-damped/sweep/white 1e-6", 145),
+        ("clean/above-light+highpass/sweep/white 1e-6", 145),
+        ("clean/pickup-below-damped/locked/12 bit", 145),
+        ("clean/pickup-below-damped/locked/12 bit", 146),
+    ],
+)
+def test_what_the_rest_of_a_motion_does_not_tell_is_not_wild(case: str, run: int) -> None:
+    """The corner where a sweep has faded in; a free motion, whose rounding is new where that of the tone repeats."""
+    assert [finding.code for finding in screen(BY_NAME[case].trial(run).calibration().records)[1]] == []
+
+
+def test_a_run_in_the_response_alone_is_no_corner(rng: np.random.Generator) -> None:
+    """The prediction that explains a corner beside the rest of a sweep explains no errors of one channel."""
+    record = BY_NAME["clean/above-damped/sweep/white 1e-6"].trial(145).calibration().records[1]
+    response = record.response.copy()
+    response[400:410] += 1e-2 * np.max(np.abs(response)) * rng.uniform(-1.0, 1.0, 10)
+    (screened,), _ = screen([replace(record, response=response)])
+    excluded = ~screened.mask
+    assert excluded[400:410].all()
+    assert excluded.sum() <= 10 + 2 * GUARD

@@ -262,7 +262,7 @@ def test_pieces_of_a_long_record_have_no_departure_of_their_own(monkeypatch, ban
 
 
 @pytest.mark.parametrize(("case", "run"), [("500000/brown/sweep", 138), ("1000000/ar2/sweep running", 141)])
-@pytest.mark.quick("500000/brown/sweep-138")
+@pytest.mark.slow
 def test_a_sweep_that_is_cut_in_pieces_leaks_into_no_test(case: str, run: int):
     """Leakage was in all bins: it hid noise, and held that of the reference, as the residual does."""
     result = vibrident.identify(BY_NAME[f"long/{case}"].trial(run).calibration())
@@ -394,6 +394,7 @@ def test_what_departures_move_is_what_least_squares_beside_them_finds() -> None:
     np.testing.assert_allclose(np.sum(moved, axis=(0, 1)), alone - beside, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_characteristic_that_is_each_records_own_moves_what_it_moves() -> None:
     """Motions of other sizes, each bent at its own peak: by one amount for all, half of what it moves was said."""
     ratios = []

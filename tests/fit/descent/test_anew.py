@@ -34,11 +34,13 @@ def test_noise_that_is_far_too_high_without_a_model_does_not_decide():
     assert judged(BY_NAME[LOUD_REFERENCE].trial(102))["class"] == "right"
 
 
+@pytest.mark.slow
 def test_the_grid_is_searched_again_in_the_noise_of_the_best_place_so_far():
     """Without a model 89 of 2,700 bins counted: the best of all starts explained 0.14 %."""
     assert judged(BY_NAME[NO_SHARE_SEEN].trial(135))["class"] == "right"
 
 
+@pytest.mark.slow
 def test_what_is_coherent_is_told_beside_a_long_delay():
     """The motion of its own span was compared, not that before it: all seemed incoherent, no retry worth it."""
     assert judged(BY_NAME[LONG_DELAY].trial(141))["class"] == "right"

@@ -56,6 +56,7 @@ def test_no_bias_and_u_is_the_scatter(noise: dict, draws: int) -> None:
     assert np.all(np.abs(np.sqrt(np.mean(found**2, axis=0)) - 1.0) < 3.0 / np.sqrt(2 * draws))
 
 
+@pytest.mark.slow
 def test_noise_of_the_reference_leads_two_modes_above_the_band_not_astray() -> None:
     """They trade along a curved valley, where it draws equal weights thirty standard uncertainties aside."""
     values = {"sensitivity": 166.0, "natural_frequency": 1538.0, "damping_ratio": 0.033}

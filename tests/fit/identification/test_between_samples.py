@@ -243,6 +243,7 @@ def test_a_simulated_motion_is_fitted_as_it_was_simulated(kind, held, draws):
             assert abs(stated.value - value) < 4.0 * stated.standard_uncertainty
 
 
+@pytest.mark.slow
 def test_sines_that_no_course_explains_are_stated_as_the_estimator_of_points_states_them():
     """Tried again twice, the model error beside a misfit of 1 % was 1e-7 %."""
     tones_hz = [20.0, 40.0, 80.0, 120.0, 160.0, 200.0, 240.0, 300.0, 400.0, 600.0, 800.0]

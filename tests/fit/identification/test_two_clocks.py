@@ -92,6 +92,7 @@ def test_sines_of_two_clocks(offset):
 
 
 @pytest.mark.parametrize("offset", [-7e-5, 1e-4, 3e-4])
+@pytest.mark.quick("0.0003")
 def test_two_clocks_without_a_delay_in_the_model(offset):
     """Most of the misfit is the mean delay, which is coherent with the motion: no clock was sought."""
     records = tuple(Record(f"r{k}", *channels("random", offset, k), RATE_HZ, "random") for k in range(2))
@@ -193,6 +194,7 @@ def test_a_missing_delay_is_not_two_clocks():
     assert "clock_suspect" not in result.warning_codes
 
 
+@pytest.mark.slow
 def test_a_start_that_went_astray_is_not_two_clocks():
     """The fit at another ratio began anew and was right; the ratio was stated with seven standard uncertainties."""
     trial = BY_NAME["quantities/acceleration/accelerometer+mode2=0.1/shock running"].trial(135)

@@ -98,6 +98,7 @@ def pulses(rng: np.random.Generator) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("excitation", "quantity"), [("shock", "acceleration"), ("random", "drive")])
+@pytest.mark.quick("shock-acceleration")
 def test_a_resistor_switched_in_under_pulses_and_under_a_held_drive(rng, excitation, quantity):
     """Between pulses the sensor is at rest: the change is seen by the next one."""
     lives = [Life(0, 600.0, 0.1, 0.1), Life(6000, 600.0, 0.3, 0.1)]

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import fft
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.screening.prediction import (
@@ -102,16 +103,39 @@ class PredictedResponse:
 
         Two arrays, each of shape (ORDER + 1,).
         """
-        windows = [
-            sliding_window_view(each, ORDER + 1) for each in (self._delayed, self.response.series)
-        ]
-        rows = np.flatnonzero(self._usual[ORDER:])
-        rows = rows[:: max(1, rows.size // (MAX_BLOCKS * BLOCK_SAMPLES))]
-        rows = np.concatenate([each[rows] for each in windows], axis=1)
+        weights = _prediction_of(self._products_of_usual)
+        return weights[ORDER::-1], weights[:ORDER:-1]
+
+    @functools.cached_property
+    def _products_of_usual(self) -> FloatArray:
+        """Return the products of usual samples, and what predicts them, with each other."""
+        usual = np.flatnonzero(self._usual[ORDER:])
+        chosen = usual[:: max(1, usual.size // (MAX_BLOCKS * BLOCK_SAMPLES))]
+        rows = self._rows(chosen)
         products = rows.T @ rows
         products += RIDGE * (np.trace(products) + len(rows)) * np.eye(len(products))
-        weights = np.append(-np.linalg.solve(products[:-1, :-1], products[:-1, -1]), 1.0)
-        return weights[ORDER::-1], weights[:ORDER:-1]
+        return products
+
+    def _rows(self, chosen: NDArray[np.int_] | slice) -> FloatArray:
+        """Return what predicts samples after the first ORDER, and these; (n, 2 ORDER + 2)."""
+        windows = [
+            sliding_window_view(series, ORDER + 1)[chosen]
+            for series in (self._delayed, self.response.series)
+        ]
+        return np.concatenate(windows, axis=1)
+
+    def _goes_with_the_rest(self, span: slice) -> bool:
+        """Return whether one prediction explains the samples of a span and the usual ones.
+
+        The usual samples do not tell how the sensor answers what they lack, such as a corner.
+        """
+        rows = self._rows(slice(span.start - ORDER, span.stop - ORDER))
+        weights = _prediction_of(self._products_of_usual + rows.T @ rows)
+        around = slice(max(span.start - ORDER - NEIGHBOURS, 0), span.stop - ORDER + NEIGHBOURS)
+        errors = np.abs(self._rows(around) @ weights)
+        usual = errors[self._usual[ORDER:][around]]
+        deviation = float(np.median(usual)) / MEDIAN_OF_NORMAL if usual.size else np.inf
+        return float(np.max(np.abs(rows @ weights))) < MIN_WILD_SIGMA * deviation
 
     @functools.cached_property
     def _delayed(self) -> FloatArray:
@@ -167,7 +191,8 @@ class PredictedResponse:
 
         The response to the reference is known within the band of its motion alone, so that only
         this band is compared. Where the errors are lost in noise, the wild samples must exceed all
-        others of the channel. Nothing confirms what the record ends before.
+        others of the channel. An event whose response would come after the end of the record is not
+        confirmed.
         """
         is_response = label == "response"
         channel = self.response if is_response else self.reference
@@ -190,7 +215,8 @@ class PredictedResponse:
         if float(np.linalg.norm(errors[span])) < MAX_MISSED_SHARE * float(np.linalg.norm(effect)):
             return False
         if float(np.max(np.abs(errors[span]), initial=0.0)) > MIN_WILD_SIGMA * usual:
-            return True
+            is_predicted = is_response and event.first >= ORDER
+            return not (is_predicted and self._goes_with_the_rest(span))
         regular_sizes = np.abs(channel.series[~channel.wild])
         return float(np.max(np.abs(sizes))) > float(np.max(regular_sizes))
 
@@ -208,6 +234,11 @@ class PredictedResponse:
             MIN_BREAK * float(np.max(np.abs(own_part))),
             MAX_NOISE_SIGMA * self._deviation(self.errors, reach),
         )
+
+
+def _prediction_of(products: FloatArray) -> FloatArray:
+    """Return the weights of a prediction's error, 1 the last, given the products of its rows."""
+    return np.append(-np.linalg.solve(products[:-1, :-1], products[:-1, -1]), 1.0)
 
 
 def _products(first: FloatArray, second: FloatArray) -> FloatArray:

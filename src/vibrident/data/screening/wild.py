@@ -118,13 +118,16 @@ class PredictedChannel:
     """A channel and the errors of its prediction.
 
     Attributes:
-        series: about its median, over its largest size, zero where not valid; shape (samples,).
-        valid: samples to look at, shape (samples,).
+        samples: the channel.
+        size: largest size of its samples about their median.
+        series: the samples about their median, over that size, zero where not valid; shape
+            (samples,).
         max_run_samples: longest run of wild samples to look for.
     """
 
+    samples: ChannelSamples
+    size: float
     series: FloatArray
-    valid: BoolArray
     max_run_samples: int = MAX_SHORT_RUN_SAMPLES
 
     @classmethod
@@ -137,7 +140,12 @@ class PredictedChannel:
         series = (channel.values - middle) / size
         if not channel.all_valid:
             series = np.where(channel.valid, series, 0.0)
-        return cls(series, channel.valid, max_run_samples)
+        return cls(channel, size, series, max_run_samples)
+
+    @property
+    def valid(self) -> BoolArray:
+        """Return which samples to look at, shape (samples,)."""
+        return self.samples.valid
 
     @functools.cached_property
     def has_past(self) -> BoolArray:
@@ -158,9 +166,14 @@ class PredictedChannel:
         return bool(enough and self.series.any())
 
     @functools.cached_property
+    def step(self) -> float:
+        """Return the converter's step in units of the series; zero where none is seen."""
+        return converter_step(self.samples.values, self.valid) / self.size
+
+    @property
     def min_wild_size(self) -> float:
         """Return the smallest size that a wild sample can have, in units of the series."""
-        return max(MIN_STEPS * converter_step(self.series, self.valid), MIN_RELATIVE_SIZE)
+        return max(MIN_STEPS * self.step, MIN_RELATIVE_SIZE)
 
     @functools.cached_property
     def prediction(self) -> LinearPrediction:
@@ -188,13 +201,19 @@ class PredictedChannel:
         return self._fitted[1]
 
     def usual_size(self, index: NDArray[np.int_]) -> FloatArray:
-        """Return the usual size of the errors around samples, in standard deviations; 1 or more."""
+        """Return the usual size of the errors around samples, in standard deviations; 1 or more.
+
+        It is that of rounding at least, whose errors a motion in step with the sampling repeats: a
+        prediction knows them until another motion is added.
+        """
         # Wild samples disturb less than a third of these.
         reach = NEIGHBOURS + 2 * self.max_run_samples
         last = self.errors.size - 1
         around = np.abs(index[:, None] + np.arange(-reach, reach + 1)) % (2 * last)
         size = np.abs(self.errors[last - np.abs(last - around)])  # mirrored at the ends
-        return np.maximum(np.median(size, axis=1) / MEDIAN_OF_NORMAL, 1.0)
+        rounding = self.step / np.sqrt(12.0) * float(np.linalg.norm(self.prediction.taps))
+        least = max(1.0, rounding / self.prediction.deviation)
+        return np.maximum(np.median(size, axis=1) / MEDIAN_OF_NORMAL, least)
 
     @functools.cached_property
     def events(self) -> tuple[ChannelEvent, ...]:
