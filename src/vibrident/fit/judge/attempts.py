@@ -84,10 +84,15 @@ class Fitted:
     def tried_again(self) -> Fitted:
         """Return the fit, or its replacement where it is rejected.
 
-        A rejected fit of records stays where no other place may explain more of the response.
+        A rejected fit of records stays where no other place may explain more of the response. One
+        in whose noise nothing is coherent is tried again, too: it may be a wrong place, in noise
+        that hides the ringing of the right one.
         """
         in_noise = self.estimate.in_noise is not None
-        if self.adequate or (in_noise and not self.judgement.shares.may_rise):
+        shares = self.judgement.shares
+        if self.adequate and not shares.is_incoherent:
+            return self
+        if in_noise and not shares.may_rise:
             return self
         estimate = self.estimator.where_rejected(self.evidence, self.estimate, self.progress)
         if estimate is None:
