@@ -25,6 +25,7 @@ NO_SHARE_SEEN = "clean/below-light+delay=300/sweep/growing 0.5 %"
 LONG_DELAY = "clean/below-light+delay=300/sweep/1/f 0.3 %"
 TWO_MODES = "quantities/displacement/accelerometer+mode2=0.1/random"
 STEEP_NOISE = "clean/above-light+mode2=0.01/sweep/1/f 0.3 %"
+TWO_TRANSIENTS = "quantities/acceleration/velocity-pickup+delay/shock running"
 RINGING_IS_NOISE = "noises/reference white, response ar2/acceleration/shock running"
 LOUD_REFERENCE = "noises/strong white, response pink/displacement/burst running"
 SENSOR = {"sensitivity": 0.1, "natural_frequency": 652.1, "damping_ratio": 0.05, "delay": 3e-4}
@@ -33,6 +34,11 @@ SENSOR = {"sensitivity": 0.1, "natural_frequency": 652.1, "damping_ratio": 0.05,
 def test_noise_that_is_far_too_high_without_a_model_does_not_decide():
     """Its first descent explained 5 % of the response, in line with the noise known before."""
     assert judged(BY_NAME[LOUD_REFERENCE].trial(102))["class"] == "right"
+
+
+def test_a_delay_between_two_transients_is_not_that_of_the_sensor():
+    """Any two transients have a smooth ratio: motion was heard in more bins there, and 0 % was explained."""
+    assert judged(BY_NAME[TWO_TRANSIENTS].trial(146))["class"] == "right"
 
 
 def test_an_estimate_in_whose_noise_nothing_is_coherent_is_tried_again():
@@ -125,7 +131,9 @@ def test_a_delay_at_which_nothing_fits_ends_no_search(monkeypatch):
     def descents(evidence, survey, progress):
         if survey.band == "wrong delay":
             raise NotConverged("no fit")
-        return SimpleNamespace(cost_per_number=1.0, settled=lambda *_: "the estimate")
+        return SimpleNamespace(
+            cost_per_number=1.0, explains_little=False, rank=(False, 1.0), settled=lambda *_: "the estimate"
+        )
 
     monkeypatch.setattr(training, "_observations", lambda *_: [("wrong delay", None), ("right delay", None)])
     monkeypatch.setattr(training._Descents, "at", staticmethod(descents))

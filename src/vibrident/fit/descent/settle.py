@@ -292,6 +292,23 @@ class Descended:
         """Return V + log det(1 + JᵀWJ), −2 log of the likelihood of the data, by Laplace."""
         return float(laplace_score(self.at.cost, self.at.matrix))
 
+    @property
+    def explained(self) -> float:
+        """Return the share of the response's power over its noise that the motion explains.
+
+        Free motion counts for nothing. The share is zero where the prediction is no better than
+        none.
+        """
+        unexplained = 0.0
+        power = 0.0
+        for place in self.at.groups:
+            rows = place.rows
+            forced = rows.forced - rows.nuisances.imitated(rows.forced[:, None])[:, 0]
+            weight = place.group.grid.counts * place.weight
+            unexplained += float(np.sum(weight * power_of(rows.residual)))
+            power += float(np.sum(weight * power_of(rows.residual + forced)))
+        return max(1.0 - unexplained / power, 0.0) if power > 0.0 else 0.0
+
 
 def descend(
     band: Band,

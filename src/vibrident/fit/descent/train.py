@@ -46,9 +46,11 @@ from vibrident.physics.models import SensorModel
 FEW_STARTS = 2
 #: … and of others.
 STARTS = 4
+#: Share of the response's power that a fit must explain for its model to be at fault at all.
+MIN_EXPLAINED_SHARE = 0.5
 #: V for each number above which a model does not explain the records.
 MAX_EXPLAINED_COST = 30.0
-#: A delay at which motion is heard in less than this fraction of the bins of another is not tried.
+#: A delay at which motion is heard in less than this fraction of the bins of another is tried last.
 MIN_HEARD_FRACTION = 0.5
 #: Starts that settle, of all that compete in their own noise.
 MAX_SETTLED = 4
@@ -80,9 +82,9 @@ def train(evidence: Evidence, method: Method, progress: Progress) -> Settled:
         except NO_FIT as error:
             reason = error  # at this delay; another may lead to a fit
             continue
-        if best is None or descents.cost_per_number < best.cost_per_number:
+        if best is None or descents.rank < best.rank:
             best = descents
-        if best.cost_per_number < MAX_START_COST:
+        if not best.explains_little and best.cost_per_number < MAX_START_COST:
             break
     if best is None:
         raise reason
@@ -98,7 +100,7 @@ def train_anew(evidence: Evidence, method: Method, progress: Progress) -> Settle
     likeliest. Arguments and errors are those of :func:`train`.
     """
     candidates: list[tuple[float, Descended, _Descents]] = []
-    for band, observed in _observations(evidence, method):
+    for band, observed in _observations(evidence, method, well_heard=True):
         survey = _Survey(band, observed)
         weighting = _without_model(band, observed)
         starts = survey.places
@@ -172,10 +174,13 @@ def _searched_in_own_noise(
     return min(best, estimate, key=lambda settled: mean_minus_two_log_likelihood(settled.places))
 
 
-def _observations(evidence: Evidence, method: Method) -> Iterator[tuple[Band, MotionAndNoise]]:
+def _observations(
+    evidence: Evidence, method: Method, *, well_heard: bool = False
+) -> Iterator[tuple[Band, MotionAndNoise]]:
     """Yield the band with its motion and noise; with a delay, at none and at the likeliest two.
 
-    The shorter delay comes first: a long one leaves out the samples that could refute it.
+    The shorter delay comes first: a long one leaves out the samples that could refute it. Last
+    comes a delay at which motion is heard in few bins, unless only ``well_heard`` ones are tried.
     """
     model = evidence.model
     start = evidence.start or _neutral_values(evidence)
@@ -197,9 +202,14 @@ def _observations(evidence: Evidence, method: Method) -> Iterator[tuple[Band, Mo
                 delayed = Band(problem_at(values, 0.0), np.inf)
                 looks[delay_s] = values, delayed, estimate_motion_and_noise(delayed)
     largest = max(observed.count for _, _, observed in looks.values())
-    for _, (values, look, observed) in sorted(looks.items(), key=lambda item: abs(item[0])):
-        if observed.count < MIN_HEARD_FRACTION * largest:
-            continue
+
+    def order(delay_s: float) -> tuple[bool, float]:
+        is_hardly_heard = looks[delay_s][2].count < MIN_HEARD_FRACTION * largest
+        return is_hardly_heard, abs(delay_s)
+
+    for values, look, observed in (looks[delay_s] for delay_s in sorted(looks, key=order)):
+        if well_heard and observed.count < MIN_HEARD_FRACTION * largest:
+            break
         if not largest:
             observed = observed.heard_everywhere(look)
         top_hz = observed.band_hz[1]
@@ -300,6 +310,19 @@ class _Descents:
     def cost_per_number(self) -> float:
         """Return V of the best for each number that shows motion."""
         return self.best.at.cost / self.count if self.count else np.inf
+
+    @property
+    def explains_little(self) -> bool:
+        """Return whether the best leaves most of the response, free motion apart, as noise.
+
+        Two transients have a smooth ratio, whatever their origin: a wrong delay hears motion, too.
+        """
+        return self.best.explained < MIN_EXPLAINED_SHARE
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """Return what orders the descents at several delays, the best first."""
+        return self.explains_little, self.cost_per_number
 
     def _repeated(self, evidence: Evidence, progress: Progress) -> _Descents:
         """Return these descents and more of a search at the delay of the best, with a model error.

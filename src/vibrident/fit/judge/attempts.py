@@ -21,8 +21,6 @@ from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.uncertainty.linearised import Linearised
 from vibrident.result import Finding, ResultWarning
 
-#: Share of the response's power that a fit must explain for its model to be at fault at all.
-MIN_EXPLAINED_SHARE = 0.5
 #: What is estimated beside a fit, by fits in turn, stays where a step is below this part of its
 #: standard uncertainty.
 MAX_SETTLED_STEP = 0.3
@@ -99,6 +97,8 @@ class Fitted:
             return self
         estimate, judgement = _judged_estimate(self.evidence, estimate)
         if in_noise and not judgement.adequacy.adequate:
+            return self
+        if self.adequate and judgement.shares.is_incoherent:
             return self
         return replace(self, estimate=estimate, judgement=judgement)
 

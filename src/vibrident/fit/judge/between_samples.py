@@ -20,9 +20,10 @@ from vibrident.data.records import FloatArray, SystematicEffect
 from vibrident.data.screening.held import has_stairs
 from vibrident.fit.bins.transfer import horner, transfer_of
 from vibrident.fit.descent.likelihoods import compared_where_all_excited
+from vibrident.fit.descent.train import MIN_EXPLAINED_SHARE
 from vibrident.fit.estimators import AUTO, Estimator
 from vibrident.fit.estimators.kinds.ipnn import Ipnn
-from vibrident.fit.judge.attempts import MIN_EXPLAINED_SHARE, Fitted
+from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.departure_report import departure_names
 from vibrident.fit.optimise import Progress
 from vibrident.fit.problem import Evidence

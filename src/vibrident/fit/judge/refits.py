@@ -9,8 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from vibrident.fit.descent.train import MIN_EXPLAINED_SHARE
 from vibrident.fit.information import inverse_normal
-from vibrident.fit.judge.attempts import MIN_EXPLAINED_SHARE, Fitted
+from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.departure_report import departures_of, report_nuisances, with_nuisances
 from vibrident.fit.problem import Evidence
 from vibrident.fit.response.verdict import REJECTION, probability

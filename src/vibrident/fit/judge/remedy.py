@@ -8,7 +8,8 @@ from dataclasses import replace
 
 from vibrident.base.amounts import plain
 from vibrident.base.errors import VibridentError
-from vibrident.fit.judge.attempts import MIN_EXPLAINED_SHARE, Fitted
+from vibrident.fit.descent.train import MIN_EXPLAINED_SHARE
+from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem
 from vibrident.fit.start.start import Start, extended, find_start
 from vibrident.physics.models import ADD_ONS, CORES, SensorModel, installed

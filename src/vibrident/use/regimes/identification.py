@@ -12,7 +12,8 @@ from vibrident.base.amounts import amount, plain
 from vibrident.base.errors import VibridentError
 from vibrident.base.fields import Fields
 from vibrident.data.records import STATIONARY_EXCITATIONS, Calibration
-from vibrident.fit.judge.attempts import MIN_EXPLAINED_SHARE, Fitted
+from vibrident.fit.descent.train import MIN_EXPLAINED_SHARE
+from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.document import Uncertainty, budget_of, document
 from vibrident.fit.uncertainty.explained import Shares
 from vibrident.fit.uncertainty.parameters import parameter_units
