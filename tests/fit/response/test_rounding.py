@@ -45,6 +45,20 @@ def test_the_step_is_read_of_numbers_of_single_precision(bits):
         assert converter_step(values.astype(np.float32).astype(float)) < 1e-6
 
 
+@pytest.mark.parametrize("bits", [8, 12, 16, 20, 24])
+@pytest.mark.parametrize("period", [8, 25, 125])
+def test_the_step_is_read_of_a_motion_in_step_with_the_sampling(bits, period):
+    """Thousands of steps lie between any two; of four different sizes all may be multiples of a few steps."""
+    for seed in range(10):
+        phase, scale = np.random.default_rng(seed).uniform(0.0, 6.28), 9.81 * (1 + seed)
+        values = np.tile(np.sin(2.0 * np.pi * np.arange(period) / period + phase), 8)
+        assert converter_step(scale * values) == 0.0
+        read = converter_step(scale * np.rint(values * 2.0 ** (bits - 1)) / 2.0 ** (bits - 1))
+        steps = read * 2.0 ** (bits - 1) / scale
+        assert steps == pytest.approx(round(steps), rel=1e-6)
+        assert 1 <= round(steps) <= (1 if period > 8 else 4)
+
+
 @pytest.mark.parametrize("bits", [8, 12])
 @pytest.mark.draws(4, 8)
 @pytest.mark.quick("few-8")

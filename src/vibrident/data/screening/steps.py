@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from weakref import ref
 
 import numpy as np
@@ -25,11 +26,17 @@ PRESCREENED_VALUES = 32
 REACH_RATIO = 4.0
 #: Largest number of steps in the smallest difference of two values.
 MAX_STEPS_APART = 4
-#: With fewer different values than this, as a motion in step with the sampling shows, …
+#: With fewer different values than this, no two may be neighbours on the grid.
 MIN_MANY_VALUES = 64
-#: … many steps may lie between any two: at most this many, and the grid is met more closely.
-MAX_FINE_STEPS_APART = 4000
+#: A motion in step with the sampling shows at most this many different values, …
+MAX_FEW_VALUES = 1000
+#: … or this share of the samples. Then a grid is met more closely, …
+MAX_DISTINCT_SHARE = 0.5
 MAX_OFF_FINE_GRID = 1e-3
+#: … its range has at most this many steps, as finer converters show noise alone, …
+MAX_STEPS_OF_CONVERTER = 2.0**26
+#: … and numbers without a grid have one by chance with this probability.
+MAX_GRID_CHANCE = 1e-4
 
 
 def converter_step(values: FloatArray, valid: BoolArray | None = None) -> float:
@@ -63,11 +70,13 @@ def _step_of(values: FloatArray) -> float:
     ordered = np.sort(values)
     gaps = np.diff(ordered)
     apart = gaps > RELATIVE_EQUALITY * (ordered[-1] - ordered[0]) if gaps.size else gaps > 0.0
-    if np.count_nonzero(apart) >= MIN_MANY_VALUES:
-        return grid_step(ordered, MAX_STEPS_APART)
-    if np.count_nonzero(apart) < MIN_VALUES - 1:
+    count = int(np.count_nonzero(apart))
+    step = grid_step(ordered, MAX_STEPS_APART) if count >= MIN_MANY_VALUES else 0.0
+    if step > 0.0 or count > min(MAX_FEW_VALUES, MAX_DISTINCT_SHARE * values.size):
+        return step
+    if count < MIN_VALUES - 1:
         return 0.0
-    return _step_of_few(ordered[np.concatenate([[True], apart])], float(np.min(gaps[apart])))
+    return _step_of_few(ordered[np.concatenate([[True], apart])])
 
 
 def smallest_step(values: FloatArray) -> float:
@@ -138,17 +147,57 @@ def _step_of_rounded(above: FloatArray, steps: FloatArray) -> float:
     return float(np.max(steps, initial=0.0))
 
 
-def _step_of_few(values: FloatArray, least: float) -> float:
+def _step_of_few(values: FloatArray) -> float:
     """Return the step of a grid through a few values in rising order; zero where there is none.
 
-    ``least``: their smallest difference.
+    The values may have been stored in double or in single precision.
     """
-    if values.size < MIN_VALUES:
-        return 0.0
-    multiples = np.arange(1.0, MAX_FINE_STEPS_APART + 1.0)[:, None] * ((values - values[0]) / least)
-    distance = np.max(np.abs(multiples - np.rint(multiples)), axis=1)
-    factors = 1 + np.flatnonzero(
-        (distance < MAX_OFF_FINE_GRID)
-        | ((distance < MAX_OFF_GRID) & (np.arange(MAX_FINE_STEPS_APART) < MAX_STEPS_APART))
-    )
-    return least / float(factors[0]) if factors.size else 0.0
+    for precision in (np.float64, np.float32):
+        step = _common_step(values, float(np.finfo(precision).eps))
+        if step:
+            return step
+    return 0.0
+
+
+def _common_step(values: FloatArray, rounding: float) -> float:
+    """Return the largest step of which all differences of values are multiples; zero if none.
+
+    The lowest value and the highest are N steps apart, where N is the least common multiple of the
+    denominators of all differences over the range.
+
+    Args:
+        values: in rising order, shape (n,), n ≥ 3.
+        rounding: of a value, relative.
+    """
+    above = values[1:] - values[0]
+    share = above / above[-1]
+    tolerance = 4.0 * rounding * float(np.max(np.abs(values[[0, -1]]))) / float(above[-1])
+    # N by chance: each of the shares is within the tolerance of a multiple of 1/N, for some N.
+    inner = len(share) - 1
+    by_chance = (math.log(MAX_GRID_CHANCE) - inner * math.log(2.0 * tolerance)) / (inner + 1)
+    most = min(MAX_STEPS_OF_CONVERTER, MAX_OFF_FINE_GRID / tolerance, math.exp(by_chance))
+    steps = 1
+    for place in range(len(share)):
+        multiple = float(share[place]) * steps
+        if abs(multiple - round(multiple)) > MAX_OFF_FINE_GRID:
+            steps = math.lcm(steps, _denominator(float(share[place]), tolerance))
+        if steps > most:
+            return 0.0
+    multiples = share * steps
+    is_grid = np.max(np.abs(multiples - np.rint(multiples))) < MAX_OFF_FINE_GRID
+    return float(above[-1]) / steps if is_grid else 0.0
+
+
+def _denominator(number: float, tolerance: float) -> int:
+    """Return the denominator of the first convergent of a continued fraction near a number."""
+    dividend, divisor = number.as_integer_ratio()
+    numerators = 0, 1
+    denominators = 1, 0
+    while divisor:
+        quotient, remainder = divmod(dividend, divisor)
+        dividend, divisor = divisor, remainder
+        numerators = numerators[1], quotient * numerators[1] + numerators[0]
+        denominators = denominators[1], quotient * denominators[1] + denominators[0]
+        if abs(numerators[1] / denominators[1] - number) <= tolerance:
+            break
+    return denominators[1]
