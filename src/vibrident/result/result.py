@@ -113,7 +113,7 @@ class Result(ResultPart):
     uncertainty: Mapping[str, Any] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        """Show model, estimator, estimated parameters with u, verdict and codes of warnings."""
+        """Return one line: model, estimator, parameters with u, verdict and codes of warnings."""
         estimates = []
         for name, parameter in self.parameters.items():
             u = parameter.standard_uncertainty

@@ -216,7 +216,7 @@ class _TemperatureLine:
         return fit_line(self.line.points, np.eye(len(self.temperatures_c))[self._outlier])
 
     def finding(self, nearest: float) -> Finding:
-        """Return the finding.
+        """Return the finding that one calibration does not lie on the line of the others.
 
         An outlier at ``nearest``, the temperature of the result, is part of its value.
         """

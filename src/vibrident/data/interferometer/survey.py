@@ -85,7 +85,7 @@ def is_near_circle(ellipse: Ellipse, v: FloatArray) -> BoolArray:
 
 
 def survey(signals: SampledSignals) -> Survey:
-    """Survey two signals in quadrature.
+    """Fit the ellipse that two signals in quadrature draw, in pieces of time where it changes.
 
     Raises:
         InputError: they draw no figure: one is constant, or both are the same.

@@ -99,7 +99,7 @@ class Settled:
 
     @property
     def cost(self) -> float:
-        """Return V."""
+        """Return V, the squares of the residual over the noise, summed over the bins."""
         return sum(float(np.sum(p.weight * power_of(p.rows.residual))) for p in self.places)
 
     @property
@@ -115,7 +115,7 @@ class InNoise:
     Attributes:
         band: the groups, which are computed again if needed.
         weighting: the noise of every segment.
-        explains: as of :class:`Settled`.
+        explains: whether the estimate leaves only noise.
         settled: the estimate, whose groups are held; None of long records, for memory.
     """
 
@@ -208,7 +208,7 @@ class Objective:
         return Local(curvature, point.gradient, point.cost)
 
     def at(self, z: FloatArray) -> Iterate:
-        """Return the iterate at z."""
+        """Return V, its gradient and its information at coordinates z, shape (P,)."""
         if self.last is None or not np.array_equal(self.last[0], z):
             self(z)
         assert self.last is not None

@@ -35,7 +35,7 @@ Parameters = Mapping[str, Any]  # name → number, array or tracer, SI units exc
 
 @dataclass(frozen=True)
 class ParameterSpec:
-    """Parameter of a model.
+    """Name, unit, range and guesses of a parameter of a model.
 
     Attributes:
         name: in result.json and in Python; an identifier.

@@ -42,7 +42,7 @@ _RADIUS = 1e-5
 
 @dataclass(frozen=True)
 class Model:
-    """A sensor without add-ons.
+    """A sensor model: the response as a formula of s, and its parameters.
 
     Attributes:
         name: in calibration files and results; letters, digits, "_", "." and "-".

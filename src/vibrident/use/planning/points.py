@@ -34,7 +34,7 @@ MIN_REPORTED_RATIO = 1.1  # factor of free motion on a tone's variance that is r
 
 @dataclass(frozen=True)
 class Recording:
-    """Recording of every sine.
+    """Length, rate and noise with which a planned calibration records each sine.
 
     Examples:
         >>> import vibrident

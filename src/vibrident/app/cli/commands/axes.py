@@ -16,7 +16,9 @@ def axes(
         "--out", "DIR", "Folder for matrix.json and matrix.md.", Path("vibrident-matrix")
     ),
 ) -> None:
-    """Sensitivity matrix of a sensor with two or three outputs: main, transverse, misalignment.
+    """Compute the sensitivity matrix of a sensor with two or three outputs.
+
+    It has the main and transverse sensitivities and the misalignment.
 
     The calibration file has a [[response]] for each output, with its axis, and either [reference]
     with the axis of the motion in each [[records]] entry, or a [[reference]] for each axis of

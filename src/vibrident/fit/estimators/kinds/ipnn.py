@@ -36,7 +36,7 @@ MIN_DECREASE = 1e-6
 
 @dataclass(frozen=True)
 class Ipnn(Estimator):
-    """Settings of the estimator ``ipnn``.
+    """Settings of the network estimator: the sensor's state-space model, unrolled and trained.
 
     Attributes:
         discretisation: euler | zoh | foh | tustin | bandlimited.
