@@ -191,13 +191,14 @@ def _common_step(values: FloatArray, rounding: float) -> float:
 def _denominator(number: float, tolerance: float) -> int:
     """Return the denominator of the first convergent of a continued fraction near a number."""
     dividend, divisor = number.as_integer_ratio()
-    numerators = 0, 1
-    denominators = 1, 0
+    numerators = (0, 1)
+    denominators = (1, 0)
     while divisor:
         quotient, remainder = divmod(dividend, divisor)
-        dividend, divisor = divisor, remainder
-        numerators = numerators[1], quotient * numerators[1] + numerators[0]
-        denominators = denominators[1], quotient * denominators[1] + denominators[0]
+        dividend = divisor
+        divisor = remainder
+        numerators = (numerators[1], quotient * numerators[1] + numerators[0])
+        denominators = (denominators[1], quotient * denominators[1] + denominators[0])
         if abs(numerators[1] / denominators[1] - number) <= tolerance:
             break
     return denominators[1]

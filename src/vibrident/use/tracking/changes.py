@@ -18,7 +18,13 @@ from vibrident.use.tracking.detection import (
     variance_deviate,
 )
 from vibrident.use.tracking.knowledge import Knowledge
-from vibrident.use.tracking.state import CHANGE_BEING_LEARNED, CHANGE_DETECTED, INNOVATION, Alarm
+from vibrident.use.tracking.state import (
+    CHANGE_BEING_LEARNED,
+    CHANGE_DETECTED,
+    INNOVATION,
+    Alarm,
+    ClockItem,
+)
 
 DEAD_CHANNEL = "dead channel"
 LOUDER_NOISE = (
@@ -44,7 +50,12 @@ class Changes:
         s = self.knowledge.state
         k = self.knowledge.network.nuisances
         thresholds = self.knowledge.thresholds
-        if not s.clock[9] or s.clock[6] or s.pending[0] or s.noise[1] == 0.0:
+        if (
+            not s.clock[ClockItem.POINT_IS_SETTLED]
+            or s.clock[ClockItem.STATES_ARE_UNKNOWN]
+            or s.pending[0]
+            or s.noise[1] == 0.0
+        ):
             return None
         variance, freedom, spread = self.noise()
         lengths = len(thresholds.louder)
@@ -71,7 +82,7 @@ class Changes:
         start = now - length * self.knowledge.network.interval_s
         s.pending[:7] = CHANGE_DETECTED, start, now, *self.noise(), 1.0
         s.ladder.meta[:] = 0.0
-        s.clock[4] = 0.0
+        s.clock[ClockItem.BLOCKS] = 0.0
         s.drop_block()
 
     def test_segments(self) -> bool:
@@ -81,7 +92,7 @@ class Changes:
         """
         s = self.knowledge.state
         lengths = self.knowledge.settings.segment_lengths
-        blocks = int(s.clock[4])
+        blocks = int(s.clock[ClockItem.BLOCKS])
         for level in range(self.knowledge.settings.levels):
             if blocks % (1 << level):
                 break
@@ -204,7 +215,12 @@ class Changes:
         s.noise[:] = 0.0
         s.lags[:] = 0.0
         s.ladder.meta[:] = 0.0
-        s.clock[4] = s.clock[9] = s.clock[10] = 0.0
+        for item in (
+            ClockItem.BLOCKS,
+            ClockItem.POINT_IS_SETTLED,
+            ClockItem.PARTS_AT_POINT,
+        ):
+            s.clock[item] = 0.0
         self.knowledge.move(np.concatenate([np.zeros(k), move]))
 
     def name(self) -> None:
@@ -249,7 +265,8 @@ class Changes:
                 self._say_noise(variance_now, freedom, PASSED_DISTURBANCE)
                 s.root[:] = self.knowledge.before
                 self.knowledge.free_run()
-        s.pending[0] = s.clock[4] = 0.0
+        s.pending[0] = 0.0
+        s.clock[ClockItem.BLOCKS] = 0.0
 
     def _say_noise(self, now: float, freedom: float, what: str) -> None:
         _, start, detected, variance, behind, spread = self.knowledge.state.pending[:6].tolist()

@@ -8,7 +8,7 @@ from vibrident.data.records import FloatArray
 from vibrident.use.tracking import information
 from vibrident.use.tracking.detection import Thresholds
 from vibrident.use.tracking.network import SensorNetwork
-from vibrident.use.tracking.state import State, TrackerSettings
+from vibrident.use.tracking.state import ClockItem, State, TrackerSettings
 
 SECONDS_A_YEAR = 365.25 * 86400.0
 
@@ -28,7 +28,10 @@ class Knowledge:
     @property
     def time_s(self) -> float:
         """Return the time of the next step, s: samples before it are taken."""
-        return float(self.state.clock[0] + self.state.clock[2] * self.network.interval_s)
+        return float(
+            self.state.clock[ClockItem.RUN_START_S]
+            + self.state.clock[ClockItem.STEPS_TAKEN] * self.network.interval_s
+        )
 
     @property
     def before(self) -> FloatArray:
@@ -49,7 +52,7 @@ class Knowledge:
         s.root[: n + 1] = 0.0
         s.ladder.drop(n + 1)
         self.before[: n + 1] = 0.0
-        s.clock[6] = 1.0
+        s.clock[ClockItem.STATES_ARE_UNKNOWN] = 1.0
 
     def walked(self) -> FloatArray:
         """Return the information now, the random walk since the last time included."""
@@ -58,7 +61,7 @@ class Knowledge:
         k = net.nuisances
         rate = np.square(self.settings.drift_per_year) / SECONDS_A_YEAR
         size = np.where([spec.kind == "time" for spec in net.model.parameters], 1.0, s.point[k:])
-        variance = rate * size**2 * max(0.0, self.time_s - s.clock[3])
+        variance = rate * size**2 * max(0.0, self.time_s - s.clock[ClockItem.LAST_WALK_S])
         return information.walk(s.root, variance, k)
 
     def move(self, move: FloatArray) -> None:

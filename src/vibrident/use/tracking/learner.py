@@ -9,7 +9,7 @@ from vibrident.fit.noise.autoregression import yule_walker
 from vibrident.use.tracking import information
 from vibrident.use.tracking.changes import Changes
 from vibrident.use.tracking.knowledge import Knowledge
-from vibrident.use.tracking.state import CHANGE_BEING_LEARNED
+from vibrident.use.tracking.state import CHANGE_BEING_LEARNED, ClockItem
 
 #: Power of the response to the motion from which a block counts, in units of the noise's power; as
 #: the bins of a fit.
@@ -51,24 +51,24 @@ class Learner:
             gram[not_gain] = 0.0
             gram[:, not_gain] = 0.0
             upper = information.triangle(gram)
-        fresh = bool(s.clock[6])
+        fresh = bool(s.clock[ClockItem.STATES_ARE_UNKNOWN])
         if fresh:
             diagonal = np.arange(k)
             s.root[diagonal, diagonal] = np.sqrt(
                 information.INITIAL_INFORMATION * np.maximum(np.diag(gram)[:k], 1e-300) / variance
             )
-            s.clock[6] = 0.0
+            s.clock[ClockItem.STATES_ARE_UNKNOWN] = 0.0
         s.root[:] = self.knowledge.walked()
-        s.clock[3] = self.knowledge.time_s
+        s.clock[ClockItem.LAST_WALK_S] = self.knowledge.time_s
         learned = information.absorb(s.root, upper[:m] / np.sqrt(variance))
         lags = s.block[3:].copy(), float(s.block[1])
-        if not s.clock[9]:
+        if not s.clock[ClockItem.POINT_IS_SETTLED]:
             if s.pending[0] != CHANGE_BEING_LEARNED:
-                if not s.clock[10]:
+                if not s.clock[ClockItem.PARTS_AT_POINT]:
                     s.pending[1] = self.knowledge.time_s - s.block[0] * net.interval_s
-                s.clock[10] += 1.0
+                s.clock[ClockItem.PARTS_AT_POINT] += 1.0
             if not fresh and not self._unsettled(learned):
-                s.clock[9] = 1.0
+                s.clock[ClockItem.POINT_IS_SETTLED] = 1.0
                 self._learn_whitening(*lags)
                 s.lags[:] = 0.0
             s.block[:] = 0.0
@@ -79,12 +79,14 @@ class Learner:
         start = self.knowledge.time_s - s.block[0] * net.interval_s
         gram = gram / variance
         if s.pending[0] != CHANGE_BEING_LEARNED:
-            s.ladder.add(s.root, gram, (squares, freedom, *before), start, int(s.clock[4]))
+            s.ladder.add(
+                s.root, gram, (squares, freedom, *before), start, int(s.clock[ClockItem.BLOCKS])
+            )
         s.root[:] = learned
         s.row[:-2] += gram.ravel()
         s.row[-2:] += (squares, freedom)
         s.noise += (squares, freedom, s.block[2], s.block[1], squares**2 / freedom, 1.0)
-        s.clock[4] += 1.0
+        s.clock[ClockItem.BLOCKS] += 1.0
         s.block[:] = 0.0
         s.products[:] = 0.0
         if s.pending[0] == CHANGE_BEING_LEARNED:
@@ -100,7 +102,10 @@ class Learner:
         That is so where more parts than a block has set the point, and no two agreed.
         """
         s = self.knowledge.state
-        if not s.clock[9] and s.clock[10] > PARTS_OF_FIRST_BLOCK:
+        if (
+            not s.clock[ClockItem.POINT_IS_SETTLED]
+            and s.clock[ClockItem.PARTS_AT_POINT] > PARTS_OF_FIRST_BLOCK
+        ):
             self.changes.contradict()
 
     def _unsettled(self, learned: FloatArray) -> bool:
@@ -120,7 +125,7 @@ class Learner:
         move = information.solve(s.root)
         away = s.root[k:, k:-1] @ move[k:]
         # the expected square is one for each parameter
-        if not fresh and s.clock[4] > 1.0 and away @ away <= len(away):
+        if not fresh and s.clock[ClockItem.BLOCKS] > 1.0 and away @ away <= len(away):
             return False
         self.knowledge.move(move)
         return True

@@ -5,6 +5,7 @@ from __future__ import annotations
 import binascii
 import struct
 from dataclasses import dataclass, field, fields
+from enum import IntEnum
 
 import numpy as np
 
@@ -68,6 +69,34 @@ class Alarm:
         }
 
 
+class ClockItem(IntEnum):
+    """Places of the numbers in a state's ``clock``."""
+
+    RUN_START_S = 0
+    SAMPLES_FED = 1
+    STEPS_TAKEN = 2
+    LAST_WALK_S = 3
+    #: Blocks since the start or the last alarm.
+    BLOCKS = 4
+    #: Rows before the block under way that whitening may look back to.
+    ROWS_TO_LOOK_BACK = 5
+    STATES_ARE_UNKNOWN = 6
+    #: Samples of either channel that are still to be left out.
+    REFERENCE_TO_SKIP = 7
+    RESPONSE_TO_SKIP = 8
+    POINT_IS_SETTLED = 9
+    #: Parts of blocks that have set the point in this run.
+    PARTS_AT_POINT = 10
+
+
+def _initial_clock() -> FloatArray:
+    """Return the clock of a tracker that has seen no sample."""
+    clock = np.zeros(len(ClockItem))
+    clock[ClockItem.LAST_WALK_S] = np.nan
+    clock[ClockItem.STATES_ARE_UNKNOWN] = 1.0
+    return clock
+
+
 @dataclass(eq=False)
 class State:
     """State that a tracker carries from sample to sample.
@@ -86,12 +115,7 @@ class State:
     # degrees of freedom of each block, blocks; shape (6,)
     noise: FloatArray
     lags: FloatArray  # number of residuals, blocks; their autocovariance, shape (2 + order + 1,)
-    # time of the run's first sample, s; samples fed and steps taken in it; time of the last random
-    # walk, s; blocks since the start or the last alarm; rows that whitening may look back to;
-    # whether the run's nuisances are all unknown; samples of reference and response still to be
-    # left out; whether the point is settled; the parts of blocks that have set it in this run;
-    # shape (11,)
-    clock: FloatArray
+    clock: FloatArray  # the numbers that :class:`ClockItem` names, shape (11,)
     # products since the estimate was last read, shape (m + 1, m + 1), then their squares and rows
     row: FloatArray
     # a change that is not named yet: CHANGE_DETECTED or CHANGE_BEING_LEARNED, its time and that of
@@ -122,7 +146,7 @@ class State:
             np.zeros(settings.order),
             np.zeros(6),
             np.zeros(3 + settings.order),
-            np.array([0.0, 0.0, 0.0, np.nan, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0]),
+            _initial_clock(),
             np.zeros((m + 1) ** 2 + 2),
             np.zeros(7 + m * (m + 1)),
             Ladder.empty(settings.levels, m),
@@ -141,7 +165,7 @@ class State:
         """Drop the rows of the block under way, and what whitening would look back to."""
         self.block[:] = 0.0
         self.products[:] = 0.0
-        self.clock[5] = 0.0
+        self.clock[ClockItem.ROWS_TO_LOOK_BACK] = 0.0
 
     @property
     def views(self) -> list[FloatArray]:

@@ -21,7 +21,7 @@ from vibrident.use.tracking.detection import NORMAL_KURTOSIS, extend_segments
 from vibrident.use.tracking.knowledge import Knowledge
 from vibrident.use.tracking.learner import PARTS_OF_FIRST_BLOCK, Learner
 from vibrident.use.tracking.network import LinearisedCell, SensorNetwork
-from vibrident.use.tracking.state import Alarm, State, TrackedEstimate, TrackerSettings
+from vibrident.use.tracking.state import Alarm, ClockItem, State, TrackedEstimate, TrackerSettings
 from vibrident.use.tracking.tones import Tone
 
 #: Part of the information about a parameter that the other parameters must leave: condition indices
@@ -89,18 +89,24 @@ class Tracker:
             s.lags[:] = 0.0
             s.whitening[:] = 0.0
             s.ladder.meta[:] = 0.0
-            s.clock[4] = 0.0
+            s.clock[ClockItem.BLOCKS] = 0.0
         self._tone = (
             None if tone_hz is None else Tone.from_frequency(tone_hz, self.network.interval_s)
         )
-        without_samples = s.clock[1] == 0.0 and s.clock[3] == s.clock[0]
-        if np.isnan(s.clock[3]) or without_samples:
-            s.clock[3] = time_s
+        without_samples = (
+            s.clock[ClockItem.SAMPLES_FED] == 0.0
+            and s.clock[ClockItem.LAST_WALK_S] == s.clock[ClockItem.RUN_START_S]
+        )
+        if np.isnan(s.clock[ClockItem.LAST_WALK_S]) or without_samples:
+            s.clock[ClockItem.LAST_WALK_S] = time_s
         s.reference = np.zeros(0)
         s.response = np.zeros(0)
-        s.clock[:3] = time_s, 0.0, max(0, -first)
-        s.clock[10] = 0.0
-        s.clock[7:9] = max(0, first), max(0, -first)
+        s.clock[ClockItem.RUN_START_S] = time_s
+        s.clock[ClockItem.SAMPLES_FED] = 0.0
+        s.clock[ClockItem.STEPS_TAKEN] = max(0, -first)
+        s.clock[ClockItem.PARTS_AT_POINT] = 0.0
+        s.clock[ClockItem.REFERENCE_TO_SKIP] = max(0, first)
+        s.clock[ClockItem.RESPONSE_TO_SKIP] = max(0, -first)
         self.knowledge.free_run()
 
     def feed(self, reference: FloatArray, response: FloatArray) -> None:
@@ -190,14 +196,20 @@ class Tracker:
     @property
     def next_sample_s(self) -> float:
         """Return the time of the next sample of the run, s."""
-        return float(self.state.clock[0] + self.state.clock[1] * self.network.interval_s)
+        return float(
+            self.state.clock[ClockItem.RUN_START_S]
+            + self.state.clock[ClockItem.SAMPLES_FED] * self.network.interval_s
+        )
 
     def _feed(self, reference: FloatArray, response: FloatArray) -> None:
         s = self.state
         net = self.network
-        s.clock[1] += len(response)
+        s.clock[ClockItem.SAMPLES_FED] += len(response)
         queues = []
-        for index, waiting, new in ((7, s.reference, reference), (8, s.response, response)):
+        for index, waiting, new in (
+            (ClockItem.REFERENCE_TO_SKIP, s.reference, reference),
+            (ClockItem.RESPONSE_TO_SKIP, s.response, response),
+        ):
             skipped = min(int(s.clock[index]), len(new))
             s.clock[index] -= skipped
             queues.append(np.concatenate([waiting, new[skipped:]]))
@@ -213,7 +225,8 @@ class Tracker:
         """Take the whole stretches of a tone."""
         s = self.state
         interval = self.network.interval_s
-        s.clock[1:3] += len(response)
+        s.clock[ClockItem.SAMPLES_FED] += len(response)
+        s.clock[ClockItem.STEPS_TAKEN] += len(response)
         reference = np.concatenate([s.reference, reference])
         response = np.concatenate([s.response, response])
         end = len(reference) // tone.length * tone.length
@@ -239,8 +252,8 @@ class Tracker:
         table[-1] = 0.0
         table[-1, -1] = np.sqrt(freedom)
         s.products[(count & -count).bit_length() - 1] = table.T @ table
-        s.block[:4] = s.clock[2], count, NORMAL_KURTOSIS * count, count
-        s.clock[9] = 1.0
+        s.block[:4] = s.clock[ClockItem.STEPS_TAKEN], count, NORMAL_KURTOSIS * count, count
+        s.clock[ClockItem.POINT_IS_SETTLED] = 1.0
         self._learner.end_block()
         s.row[-2:] = 0.0
 
@@ -250,7 +263,9 @@ class Tracker:
         done = 0
         while done < len(response):
             length = (
-                self.settings.block if s.clock[9] else self.settings.block // PARTS_OF_FIRST_BLOCK
+                self.settings.block
+                if s.clock[ClockItem.POINT_IS_SETTLED]
+                else self.settings.block // PARTS_OF_FIRST_BLOCK
             )
             steps = min(length - int(s.block[0]), len(response) - done)
             span = slice(done, done + steps)
@@ -279,7 +294,7 @@ class Tracker:
         white = new.copy()
         for lag in np.flatnonzero(s.whitening):
             white += s.whitening[lag] * rows[order - 1 - lag : -1 - lag]
-        skipped = min(len(new), max(0, order - int(s.clock[5])))
+        skipped = min(len(new), max(0, order - int(s.clock[ClockItem.ROWS_TO_LOOK_BACK])))
         white = white[skipped:]
         e = rows[:, m]
         count = int(s.block[1])
@@ -290,14 +305,16 @@ class Tracker:
             )
             return skipped + certain[0] - count
         s.cell[:] = cell
-        s.clock[5] = min(order, s.clock[5] + len(response))
+        s.clock[ClockItem.ROWS_TO_LOOK_BACK] = min(
+            order, s.clock[ClockItem.ROWS_TO_LOOK_BACK] + len(response)
+        )
         extend_segments(s.products, count, white)
         s.block[:3] += (len(response), len(white), np.sum(white[:, m] ** 4))
         late = e[order + skipped :]
         for lag in range(order + 1):
             s.block[3 + lag] += late @ e[order + skipped - lag : len(e) - lag]
         s.rows[:] = rows[len(response) :]
-        s.clock[2] += len(response)
+        s.clock[ClockItem.STEPS_TAKEN] += len(response)
         if certain:
             self._learner.changes.begin(1 << certain[1])
         return len(response)
