@@ -304,9 +304,8 @@ class Descended:
         for place in self.at.groups:
             rows = place.rows
             forced = rows.forced - rows.nuisances.imitated(rows.forced[:, None])[:, 0]
-            weight = place.group.grid.counts * place.weight
-            unexplained += float(np.sum(weight * power_of(rows.residual)))
-            power += float(np.sum(weight * power_of(rows.residual + forced)))
+            unexplained += float(np.sum(place.weight * power_of(rows.residual)))
+            power += float(np.sum(place.weight * power_of(rows.residual + forced)))
         return max(1.0 - unexplained / power, 0.0) if power > 0.0 else 0.0
 
 
