@@ -41,6 +41,7 @@ def test_a_delay_between_two_transients_is_not_that_of_the_sensor():
     assert judged(BY_NAME[TWO_TRANSIENTS].trial(146))["class"] == "right"
 
 
+@pytest.mark.slow
 def test_an_estimate_in_whose_noise_nothing_is_coherent_is_tried_again():
     """A wrong place was adequate: the ringing of the right one was noise, and no parameter had an uncertainty."""
     assert judged(BY_NAME[RINGING_IS_NOISE].trial(146))["class"] == "right"
@@ -64,6 +65,7 @@ def test_optima_are_compared_in_one_noise():
     assert judged(BY_NAME[TWO_MODES].trial(142))["class"] == "right"
 
 
+@pytest.mark.slow
 def test_of_two_ends_the_one_that_leaves_less_in_one_noise_is_the_estimate():
     """Without a model, steep noise of the lowest bins was too low: a mode at 0.17 Hz followed it."""
     assert judged(BY_NAME[STEEP_NOISE].trial(135))["class"] == "right"
