@@ -157,7 +157,7 @@ def _filters(terms: int, kernel: Kernel, shift: float) -> NDArray[np.float64]:
     # least squares leave out.
     root = np.sqrt(node_weights)
     basis = root[:, None] * legendre.legvander(nodes, terms - 1)
-    filters = np.linalg.lstsq(basis, root[:, None] * weights)[0]
+    filters: FloatArray = np.linalg.lstsq(basis, root[:, None] * weights)[0].astype(float)
     filters.flags.writeable = False
     return filters
 
