@@ -21,54 +21,35 @@ from vibrident.physics.discretisation import method
 from vibrident.physics.models import model_of
 from vibrident.physics.simulation import simulate, with_noise
 
-NO_SHARE_SEEN = "clean/below-light+delay=300/sweep/growing 0.5 %"
-LONG_DELAY = "clean/below-light+delay=300/sweep/1/f 0.3 %"
-TWO_MODES = "quantities/displacement/accelerometer+mode2=0.1/random"
-STEEP_NOISE = "clean/above-light+mode2=0.01/sweep/1/f 0.3 %"
-TWO_TRANSIENTS = "quantities/acceleration/velocity-pickup+delay/shock running"
-RINGING_IS_NOISE = "noises/reference white, response ar2/acceleration/shock running"
-LOUD_REFERENCE = "noises/strong white, response pink/displacement/burst running"
+SLOW = pytest.mark.slow
 SENSOR = {"sensitivity": 0.1, "natural_frequency": 652.1, "damping_ratio": 0.05, "delay": 3e-4}
 
 
-def test_noise_that_is_far_too_high_without_a_model_does_not_decide():
-    """Its first descent explained 5 % of the response, in line with the noise known before."""
-    assert judged(BY_NAME[LOUD_REFERENCE].trial(102))["class"] == "right"
+def case(name, run, what, *marks):
+    return pytest.param(name, run, marks=marks, id=what)
 
 
-def test_a_delay_between_two_transients_is_not_that_of_the_sensor():
-    """Any two transients have a smooth ratio: motion was heard in more bins there, and 0 % was explained."""
-    assert judged(BY_NAME[TWO_TRANSIENTS].trial(146))["class"] == "right"
-
-
-@pytest.mark.slow
-def test_an_estimate_in_whose_noise_nothing_is_coherent_is_tried_again():
-    """A wrong place was adequate: the ringing of the right one was noise, and no parameter had an uncertainty."""
-    assert judged(BY_NAME[RINGING_IS_NOISE].trial(146))["class"] == "right"
-
-
-@pytest.mark.slow
-def test_the_grid_is_searched_again_in_the_noise_of_the_best_place_so_far():
-    """Without a model 89 of 2,700 bins counted: the best of all starts explained 0.14 %."""
-    assert judged(BY_NAME[NO_SHARE_SEEN].trial(135))["class"] == "right"
-
-
-@pytest.mark.slow
-def test_what_is_coherent_is_told_beside_a_long_delay():
-    """The motion of its own span was compared, not that before it: all seemed incoherent, no retry worth it."""
-    assert judged(BY_NAME[LONG_DELAY].trial(141))["class"] == "right"
-
-
-@pytest.mark.slow
-def test_optima_are_compared_in_one_noise():
-    """Each in its own noise, a place 60 u away was likelier by 100: it leaves more in either."""
-    assert judged(BY_NAME[TWO_MODES].trial(142))["class"] == "right"
-
-
-@pytest.mark.slow
-def test_of_two_ends_the_one_that_leaves_less_in_one_noise_is_the_estimate():
-    """Without a model, steep noise of the lowest bins was too low: a mode at 0.17 Hz followed it."""
-    assert judged(BY_NAME[STEEP_NOISE].trial(135))["class"] == "right"
+@pytest.mark.parametrize(
+    ("name", "run"),
+    [
+        # Its first descent explained 5 % of the response, in line with the noise known before.
+        case("noises/strong white, response pink/displacement/burst running", 102, "noise far too high before a model"),
+        # Any two transients have a smooth ratio: motion was heard in more bins there, and 0 % was explained.
+        case("quantities/acceleration/velocity-pickup+delay/shock running", 146, "a delay between two transients"),
+        # A wrong place was adequate: the ringing of the right one was noise, and no parameter had an uncertainty.
+        case("noises/reference white, response ar2/acceleration/shock running", 146, "ringing was noise", SLOW),
+        # Without a model 89 of 2,700 bins counted: the best of all starts explained 0.14 %.
+        case("clean/below-light+delay=300/sweep/growing 0.5 %", 135, "the grid is searched again", SLOW),
+        # The motion of its own span was compared, not that before it: all seemed incoherent, no retry worth it.
+        case("clean/below-light+delay=300/sweep/1/f 0.3 %", 141, "coherent beside a long delay", SLOW),
+        # Each in its own noise, a place 60 u away was likelier by 100: it leaves more in either.
+        case("quantities/displacement/accelerometer+mode2=0.1/random", 142, "optima are compared in one noise", SLOW),
+        # Without a model, steep noise of the lowest bins was too low: a mode at 0.17 Hz followed it.
+        case("clean/above-light+mode2=0.01/sweep/1/f 0.3 %", 135, "the end that leaves less in one noise", SLOW),
+    ],
+)
+def test_the_right_place_is_the_estimate(name, run):
+    assert judged(BY_NAME[name].trial(run))["class"] == "right"
 
 
 def delayed(samples):

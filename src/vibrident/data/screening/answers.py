@@ -131,10 +131,9 @@ class PredictedResponse:
         """
         rows = self._rows(slice(span.start - ORDER, span.stop - ORDER))
         weights = _prediction_of(self._products_of_usual + rows.T @ rows)
-        around = slice(max(span.start - ORDER - NEIGHBOURS, 0), span.stop - ORDER + NEIGHBOURS)
-        errors = np.abs(self._rows(around) @ weights)
-        usual = errors[self._usual[ORDER:][around]]
-        deviation = float(np.median(usual)) / MEDIAN_OF_NORMAL if usual.size else np.inf
+        near = slice(max(span.start - NEIGHBOURS, ORDER), span.stop + NEIGHBOURS)
+        errors = self._rows(slice(near.start - ORDER, near.stop - ORDER)) @ weights
+        deviation = self._deviation(errors, near)
         return float(np.max(np.abs(rows @ weights))) < MIN_WILD_SIGMA * deviation
 
     @functools.cached_property
@@ -174,7 +173,8 @@ class PredictedResponse:
         return self._deviation(self.errors, slice(None))
 
     def _deviation(self, errors: FloatArray, near: slice) -> float:
-        size = np.abs(errors[near][self._usual[near]])
+        """Return the standard deviation of the errors in a span, by the median of usual ones."""
+        size = np.abs(errors[self._usual[near]])
         return float(np.median(size)) / MEDIAN_OF_NORMAL if size.size else np.inf
 
     @functools.cached_property
@@ -211,7 +211,8 @@ class PredictedResponse:
         if span.start >= errors.size:  # the record ends before the response
             return True
         around = NEIGHBOURS + 2 * effect.size
-        usual = self._deviation(errors, slice(max(span.start - around, 0), span.stop + around))
+        near = slice(max(span.start - around, 0), span.stop + around)
+        usual = self._deviation(errors[near], near)
         if float(np.linalg.norm(errors[span])) < MAX_MISSED_SHARE * float(np.linalg.norm(effect)):
             return False
         if float(np.max(np.abs(errors[span]), initial=0.0)) > MIN_WILD_SIGMA * usual:
@@ -232,7 +233,7 @@ class PredictedResponse:
         reach = slice(max(near.start - NEIGHBOURS, 0), near.stop + NEIGHBOURS)
         return largest > max(
             MIN_BREAK * float(np.max(np.abs(own_part))),
-            MAX_NOISE_SIGMA * self._deviation(self.errors, reach),
+            MAX_NOISE_SIGMA * self._deviation(self.errors[reach], reach),
         )
 
 

@@ -177,10 +177,9 @@ def _common_step(values: FloatArray, rounding: float) -> float:
     by_chance = (math.log(MAX_GRID_CHANCE) - inner * math.log(2.0 * tolerance)) / (inner + 1)
     most = min(MAX_STEPS_OF_CONVERTER, MAX_OFF_FINE_GRID / tolerance, math.exp(by_chance))
     steps = 1
-    for place in range(len(share)):
-        multiple = float(share[place]) * steps
-        if abs(multiple - round(multiple)) > MAX_OFF_FINE_GRID:
-            steps = math.lcm(steps, _denominator(float(share[place]), tolerance))
+    for ratio in share.tolist():
+        if abs(math.remainder(ratio * steps, 1.0)) > MAX_OFF_FINE_GRID:
+            steps = math.lcm(steps, _denominator(ratio, tolerance))
         if steps > most:
             return 0.0
     multiples = share * steps

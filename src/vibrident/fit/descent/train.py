@@ -203,13 +203,13 @@ def _observations(
                 looks[delay_s] = values, delayed, estimate_motion_and_noise(delayed)
     largest = max(observed.count for _, _, observed in looks.values())
 
-    def order(delay_s: float) -> tuple[bool, float]:
-        is_hardly_heard = looks[delay_s][2].count < MIN_HEARD_FRACTION * largest
-        return is_hardly_heard, abs(delay_s)
+    def is_hardly_heard(delay_s: float) -> bool:
+        return looks[delay_s][2].count < MIN_HEARD_FRACTION * largest
 
-    for values, look, observed in (looks[delay_s] for delay_s in sorted(looks, key=order)):
-        if well_heard and observed.count < MIN_HEARD_FRACTION * largest:
+    for delay_s in sorted(looks, key=lambda delay_s: (is_hardly_heard(delay_s), abs(delay_s))):
+        if well_heard and is_hardly_heard(delay_s):
             break
+        values, look, observed = looks[delay_s]
         if not largest:
             observed = observed.heard_everywhere(look)
         top_hz = observed.band_hz[1]
