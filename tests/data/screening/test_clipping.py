@@ -446,6 +446,19 @@ def test_a_converter_that_flickers_before_the_motion_has_lost_nothing(draws: int
             assert not find_lost_samples(ChannelSamples(values, ALL)).any()
 
 
+def test_a_sensor_that_comes_to_rest_before_the_motion_has_lost_nothing() -> None:
+    """A free motion of 16 bit ends in equal codes, and the sweep begins: the reference rests until then."""
+    late = np.maximum(T - 40.0, 0.0)
+    moved = np.rint(16e3 * np.sin(1e-2 * late**2) * np.minimum(late / 100.0, 1.0))
+    answered = np.rint(np.roll(moved, 3) - 8e3 * np.exp(-0.3 * T) * np.cos(0.8 * T))
+    reference, response = (ChannelSamples(values, ALL) for values in (moved, answered))
+    assert find_lost_samples(response).any()
+    assert not find_lost_samples(response, reference).any()
+    held = answered.copy()
+    held[400:412] = held[399]
+    assert find_lost_samples(ChannelSamples(held, ALL), reference).any()
+
+
 def test_a_motion_that_begins_is_no_lost_time(rng: np.random.Generator) -> None:
     for noise in (1e-6, 1e-3):
         channels = [np.where(T < 1500, 0.0, band_limited(rng)) + noise * rng.standard_normal(N) for _ in range(2)]

@@ -241,7 +241,9 @@ class _RecordScreening:
             self._mask(label, is_clipped, "clipped", observation, f"{label} {description}")
 
     def _mask_lost_samples(self, label: str) -> None:
-        is_lost = find_lost_samples(self._channel_samples()[label])
+        samples = self._channel_samples()
+        other = next((channel for name, channel in samples.items() if name != label), None)
+        is_lost = find_lost_samples(samples[label], other)
         if is_lost.any():
             begins, _ = runs_of_true(is_lost)
             first_s = float(np.argmax(is_lost)) / self.record.sampling_rate_hz
