@@ -31,14 +31,16 @@ SHARE_OF_LARGE_CHANGES = 0.02
 MAX_STAY_SHARE = 0.25
 
 
-def find_lost_samples(channel: ChannelSamples, other: ChannelSamples | None = None) -> BoolArray:
+def find_lost_samples(
+    channel: ChannelSamples, other_channel: ChannelSamples | None = None
+) -> BoolArray:
     """Return the samples that a recorder lost, shape (samples,).
 
     A run of equal samples ends where one is not valid.
 
     Args:
         channel: that is looked at.
-        other: of the same record; None: no other.
+        other_channel: of the same record; None: no other.
     """
     values = channel.values
     valid = channel.valid
@@ -69,7 +71,7 @@ def find_lost_samples(channel: ChannelSamples, other: ChannelSamples | None = No
     for index in np.flatnonzero(rare):
         run = int(begins[index]), int(ends[index])
         chance = _chance_of_equal(values, *run, step)
-        unlikely = values.size * chance ** _surprises(other, *run) < MAX_FALSE_FINDINGS
+        unlikely = values.size * chance ** _surprises(other_channel, *run) < MAX_FALSE_FINDINGS
         rare[index] = unlikely and not _rests_beside(values, *run, step)
     candidate = jumps | rare
     for first, last in zip(begins[candidate], ends[candidate], strict=True):
@@ -92,15 +94,17 @@ def _chance_of_equal(values: FloatArray, first: int, last: int, step: float) -> 
     return min(1.0, step / usual) if usual > 0.0 else 1.0
 
 
-def _surprises(other: ChannelSamples | None, first: int, last: int) -> int:
+def _surprises(other_channel: ChannelSamples | None, first: int, last: int) -> int:
     """Return the count of samples in a run that equal the one before, though motion goes on.
 
     Before the other channel begins to move, and after it has come to rest, they are no surprise.
     """
-    if other is None or not _rests_beside(other.values, first, last, smallest_step(other.values)):
+    if other_channel is None or not _rests_beside(
+        other_channel.values, first, last, smallest_step(other_channel.values)
+    ):
         return last - first
-    changes = np.abs(np.diff(other.values[first : last + 1]))
-    return int(np.count_nonzero(changes > RELATIVE_EQUALITY * other.span))
+    changes = np.abs(np.diff(other_channel.values[first : last + 1]))
+    return int(np.count_nonzero(changes > RELATIVE_EQUALITY * other_channel.span))
 
 
 def _rests_beside(values: FloatArray, first: int, last: int, step: float) -> bool:

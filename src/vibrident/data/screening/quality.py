@@ -242,8 +242,8 @@ class _RecordScreening:
 
     def _mask_lost_samples(self, label: str) -> None:
         samples = self._channel_samples()
-        other = next((channel for name, channel in samples.items() if name != label), None)
-        is_lost = find_lost_samples(samples[label], other)
+        other_channels = (channel for name, channel in samples.items() if name != label)
+        is_lost = find_lost_samples(samples[label], next(other_channels, None))
         if is_lost.any():
             begins, _ = runs_of_true(is_lost)
             first_s = float(np.argmax(is_lost)) / self.record.sampling_rate_hz
