@@ -111,6 +111,22 @@ class CoarseRows:
         return rows[:, :, count:] - (amounts @ rows.view(float)[:, :, :count]).view(complex)
 
 
+def with_likeliest_noise(rows: Sequence[CoarseRows], costs: FloatArray) -> FloatArray:
+    """Return −2 log of the likelihood with the likeliest scale of all noise, at most one.
+
+    Noise that is known without a model is at least the true one, and may be many times as much:
+    then every place seems to explain the rows. With a scale c, −2 log L = V / c + N log c for N
+    numbers, which is least at c = V / N.
+
+    Args:
+        rows: the rows.
+        costs: weighted sums of squares V, shape (G,).
+    """
+    numbers = sum(float(np.sum(of_rate.counts)) for of_rate in rows)
+    scale = np.clip(costs / max(numbers, 1.0), np.finfo(float).tiny, 1.0)
+    return np.maximum(costs, numbers) + numbers * np.log(scale)
+
+
 class _Row(NamedTuple):
     """Segment at its chosen bins.
 

@@ -20,7 +20,7 @@ from vibrident.fit.problem.band import Band
 from vibrident.fit.response.phase_delay import PER_PERIOD, preferred
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import peak_shift, power_of
-from vibrident.fit.start.coarse import CoarseRows
+from vibrident.fit.start.coarse import CoarseRows, with_likeliest_noise
 from vibrident.physics.models import SensorModel
 
 #: Natural frequencies that differ by less than this factor are one start …
@@ -220,7 +220,7 @@ class GridSearch:
         if any(np.any(rows.reference) for rows in self.rows):
             weights, log_noise = self._weights(tried)
         fitted = self._fitted(finite_networks, tried, weights)
-        fitted.cost[:] += log_noise
+        fitted.cost[:] = with_likeliest_noise(self.rows, fitted.cost) + log_noise
         for array, values in zip(scores, fitted, strict=True):
             array[usable] = values
         scores.delay_s[:] += float(self.band.problem.frame.delay_s)
@@ -271,34 +271,44 @@ class GridSearch:
         weights: Sequence[FloatArray],
     ) -> _Scores:
         """Return the scores of places with finite networks, in weights, shape (R, G or 1, K)."""
-        freed = [
-            rows.freed(network, self._factors(rows, trials), weight)
-            for rows, network, weight in zip(self.rows, networks, weights, strict=True)
+        factors = [self._factors(rows, trials) for rows in self.rows]
+        freed = self._freed(networks, factors, weights)
+        if not self.band.model.has_delay:
+            return _best_amounts(freed)
+        delay_s = self._delays(freed)
+        phases = [
+            np.exp(-2j * np.pi * delay_s[:, None] * rows.frequency_hz[:, None])
+            for rows in self.rows
         ]
-        places, columns = networks[0].denominator.shape[:2]
-        scores = _Scores(np.full(places, np.inf), np.zeros((places, columns)), np.zeros(places))
-        if self.band.model.has_delay:
-            scores.delay_s[:] = self._delays(freed)
-            for rows, responses in zip(self.rows, freed, strict=True):
-                angle = 2j * np.pi * scores.delay_s[:, None] * rows.frequency_hz[:, None]
-                responses[:, :, -1] *= np.exp(angle)
-        normal = np.zeros((places, columns + 1, columns + 1))
-        for responses in freed:
-            responses[:, :, 1:-1] -= responses[:, :, :1]
-            normal += np.sum(products(responses, responses), axis=0)
-        scale = np.sqrt(np.diagonal(normal, axis1=1, axis2=2)[:, :-1])
-        regular = np.all(np.isfinite(normal), axis=(1, 2)) & np.all(scale > 0.0, axis=1)
-        normal = normal[regular]
-        scale = scale[regular]
-        right = normal[:, :-1, -1] / scale
-        gram = normal[:, :-1, :-1] / scale[:, :, None] / scale[:, None]
-        amounts = (np.linalg.pinv(gram, rcond=MIN_SHARE_POWER, hermitian=True) @ right[:, :, None])[
-            :, :, 0
+        delayed_factors = [
+            phase if factor is None else factor * phase
+            for factor, phase in zip(factors, phases, strict=True)
         ]
-        cost = normal[:, -1, -1] - np.sum(amounts * right, axis=1)
-        scores.cost[regular] = np.where(amounts[:, 0] != 0.0, cost, np.inf)
-        scores.amounts[regular] = amounts / scale
-        return scores
+        of_delayed_inputs = _best_amounts(self._freed(networks, delayed_factors, weights))
+        for responses, phase in zip(freed, phases, strict=True):
+            responses[:, :, -1] *= phase.conj()
+        of_advanced_response = _best_amounts(freed)
+        # Either shift is circular, and leaks what jumps between the ends: less is right.
+        better = of_delayed_inputs.cost < of_advanced_response.cost
+        return _Scores(
+            np.where(better, of_delayed_inputs.cost, of_advanced_response.cost),
+            np.where(better[:, None], of_delayed_inputs.amounts, of_advanced_response.amounts),
+            delay_s,
+        )
+
+    def _freed(
+        self,
+        networks: Sequence[DiscreteTransfer],
+        factors: Sequence[ComplexArray | None],
+        weights: Sequence[FloatArray],
+    ) -> list[ComplexArray]:
+        """Return forced responses and response of all rows, as of :meth:`CoarseRows.freed`."""
+        return [
+            rows.freed(network, factor, weight)
+            for rows, network, factor, weight in zip(
+                self.rows, networks, factors, weights, strict=True
+            )
+        ]
 
     def _stay_finite(self, rows: CoarseRows, networks: DiscreteTransfer) -> BoolArray:
         """Return which places have networks whose states stay finite, shape (G,)."""
@@ -333,3 +343,31 @@ class GridSearch:
             peak_shift(row, place) for row, place in zip(agreement, best.tolist(), strict=True)
         ]
         return np.asarray(delays_s[best] + np.array(shifts) * (delays_s[1] - delays_s[0]))
+
+
+def _best_amounts(freed: Sequence[ComplexArray]) -> _Scores:
+    """Return the costs of places at the best gain and shares, with no delay.
+
+    Args:
+        freed: weighted forced responses and response of all rows, which are changed, shape (R, G,
+            T + 1, K) each.
+    """
+    places = freed[0].shape[1]
+    columns = freed[0].shape[2] - 1
+    scores = _Scores(np.full(places, np.inf), np.zeros((places, columns)), np.zeros(places))
+    normal = np.zeros((places, columns + 1, columns + 1))
+    for responses in freed:
+        responses[:, :, 1:-1] -= responses[:, :, :1]
+        normal += np.sum(products(responses, responses), axis=0)
+    scale = np.sqrt(np.diagonal(normal, axis1=1, axis2=2)[:, :-1])
+    regular = np.all(np.isfinite(normal), axis=(1, 2)) & np.all(scale > 0.0, axis=1)
+    normal = normal[regular]
+    scale = scale[regular]
+    right = normal[:, :-1, -1] / scale
+    gram = normal[:, :-1, :-1] / scale[:, :, None] / scale[:, None]
+    inverse = np.linalg.pinv(gram, rcond=MIN_SHARE_POWER, hermitian=True)
+    amounts = (inverse @ right[:, :, None])[:, :, 0]
+    cost = normal[:, -1, -1] - np.sum(amounts * right, axis=1)
+    scores.cost[regular] = np.where(amounts[:, 0] != 0.0, cost, np.inf)
+    scores.amounts[regular] = amounts / scale
+    return scores

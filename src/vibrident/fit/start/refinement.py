@@ -17,7 +17,7 @@ from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.problem.frequency_domain import Local
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
-from vibrident.fit.start.coarse import CoarseRows
+from vibrident.fit.start.coarse import CoarseRows, with_likeliest_noise
 from vibrident.fit.start.grid_search import StartCandidate
 
 #: Decrease of the cost that is not worth a step.
@@ -74,25 +74,25 @@ class CoarseDescent:
             replace(place, values=place.values | dict.fromkeys(shares, 0.0)) for place in front
         ]
         smaller = self.refined(first_modes, held=shares)[0]
-        turned = self._turned(smaller)
+        delayed = self._delayed(smaller)
         scanned = []
         for mode in modes:
             coordinates = self._coordinates({**smaller.values, **mode})
             z = coordinates.first
-            local = _local(self.band, turned, coordinates, z)
+            local = _local(self.band, delayed, coordinates, z)
             step = inverse_where_shown(local.matrix) @ local.gradient
             values = self._with_excess(coordinates.values(coordinates.moved(z, step)), smaller)
             scanned.append(StartCandidate(local.cost - float(step @ local.gradient), values))
         return sorted(scanned, key=lambda place: place.cost)
 
     def _descended(self, candidate: StartCandidate, held: Sequence[str]) -> StartCandidate:
-        """Return where a candidate descends to, with the response turned by its delay."""
+        """Return where a candidate descends to, with the inputs delayed as much as it."""
         coordinates = self._coordinates(candidate.values)
-        turned = self._turned(candidate)
+        delayed = self._delayed(candidate)
         free = np.array([name not in held for name in self.band.model.parameter_names], dtype=float)
 
         def objective(z: FloatArray, _: None) -> Local:
-            local = _local(self.band, turned, coordinates, z)
+            local = _local(self.band, delayed, coordinates, z)
             return Local(local.matrix * np.outer(free, free), local.gradient * free, local.cost)
 
         try:
@@ -112,13 +112,14 @@ class CoarseDescent:
         """Return −2 log of the likelihood of the data (Laplace), in the noise at these values."""
         end = StartCandidate(np.inf, dict(values))
         coordinates = self._coordinates(values)
-        local = _local(self.band, self._turned(end), coordinates, coordinates.first)
+        local = _local(self.band, self._delayed(end), coordinates, coordinates.first)
         log_noise = sum(
             float(rows.log_noise_at(self._through(rows, values)))
             for rows in self.rows
             if np.any(rows.reference)
         )
-        return float(laplace_score(local.cost, local.matrix)) + log_noise
+        cost = with_likeliest_noise(self.rows, np.array([local.cost]))[0]
+        return float(laplace_score(cost, local.matrix)) + log_noise
 
     def _through(self, rows: CoarseRows, values: Mapping[str, float]) -> FloatArray:
         """Return |H|² by which noise of the reference passes, shape (R, K)."""
@@ -130,26 +131,31 @@ class CoarseDescent:
         delays = dict.fromkeys(self._times, float(self.band.problem.frame.delay_s))
         return Coordinates.at(self.band.model, {**values, **delays}, self.band_hz)
 
-    def _turned(self, candidate: StartCandidate) -> list[CoarseRows]:
-        """Return the rows with the response turned by what a candidate's delay exceeds theirs.
+    def _delayed(self, candidate: StartCandidate) -> list[CoarseRows]:
+        """Return the rows with the inputs delayed by what a candidate's delay exceeds theirs.
 
-        They are weighted in the noise of both channels there.
+        Or with the response advanced as much: either shift is circular, and leaks what jumps
+        between the ends of its channel, so the one that leaves less is right. The rows are weighted
+        in the noise of both channels at the candidate.
         """
-        angle = 2j * np.pi * self._excess_s(candidate)
-        turned_rows = []
-        for rows in self.rows:
-            weight = rows.weight
-            if np.any(rows.reference):
-                weight = rows.weight_at(self._through(rows, candidate.values))
-            response = rows.bins.response * np.exp(angle * rows.frequency_hz)
-            bins = replace(rows.bins, response=response)
-            turned_rows.append(replace(rows, bins=bins, weight=weight))
-        return turned_rows
+        rows = list(self.rows)
+        for place, of_rate in enumerate(rows):
+            if np.any(of_rate.reference):
+                weight = of_rate.weight_at(self._through(of_rate, candidate.values))
+                rows[place] = replace(of_rate, weight=weight)
+        excess_s = self._excess_s(candidate)
+        if excess_s == 0.0:
+            return rows
+        coordinates = self._coordinates(candidate.values)
+        both = [_shifted(rows, excess_s, inputs=inputs) for inputs in (True, False)]
+        return min(
+            both, key=lambda rows: _local(self.band, rows, coordinates, coordinates.first).cost
+        )
 
     def _with_excess(
         self, values: Mapping[str, float], candidate: StartCandidate
     ) -> dict[str, float]:
-        """Return values at the rows that :meth:`_turned` gives as those at the rows themselves."""
+        """Return values at the rows that :meth:`_delayed` gives as those at the rows themselves."""
         excess_s = self._excess_s(candidate)
         return {**values, **{name: values[name] + excess_s for name in self._times}}
 
@@ -162,6 +168,20 @@ class CoarseDescent:
     def _times(self) -> list[str]:
         """Return the names of the delays, at most one."""
         return [spec.name for spec in self.band.model.parameters if spec.kind == "time"]
+
+
+def _shifted(rows: Sequence[CoarseRows], delay_s: float, *, inputs: bool) -> list[CoarseRows]:
+    """Return rows with the inputs delayed, or the response advanced, as if the motion recurred."""
+    shifted: list[CoarseRows] = []
+    for of_rate in rows:
+        phase = np.exp(-2j * np.pi * delay_s * of_rate.frequency_hz)
+        bins = of_rate.bins
+        if inputs:
+            bins = replace(bins, inputs=bins.inputs * phase[:, None])
+        else:
+            bins = replace(bins, response=bins.response * phase.conj())
+        shifted.append(replace(of_rate, bins=bins))
+    return shifted
 
 
 def _local(
