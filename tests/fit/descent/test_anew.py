@@ -13,7 +13,8 @@ from bench.adversary.judge import judged
 from vibrident.base.errors import NotConverged
 from vibrident.fit.descent import train as training
 from vibrident.fit.descent.likelihoods import mean_minus_two_log_likelihood
-from vibrident.fit.descent.settle import START_TOLERANCE
+from vibrident.fit.descent.rivals import with_rivals
+from vibrident.fit.descent.settle import START_TOLERANCE, settle
 from vibrident.fit.descent.train import train, train_anew
 from vibrident.fit.optimise import silent
 from vibrident.fit.problem import Evidence
@@ -46,6 +47,10 @@ def case(name, run, what, *marks):
         case("quantities/displacement/accelerometer+mode2=0.1/random", 142, "optima are compared in one noise", SLOW),
         # Without a model, steep noise of the lowest bins was too low: a mode at 0.17 Hz followed it.
         case("clean/above-light+mode2=0.01/sweep/1/f 0.3 %", 135, "the end that leaves less in one noise", SLOW),
+        # All places seemed to explain the bins, in noise that was far too high: the quietest came first.
+        case("clean/below-light+delay=300/sweep/white 1e-6", 147, "noise far too high before the grid", SLOW),
+        # The response jumps between the ends of its records: turned by a delay, no place of the grid explained it.
+        case("quantities/acceleration/accelerometer+mode2=-0.1+delay/random", 147, "a delay beside jumps", SLOW),
     ],
 )
 def test_the_right_place_is_the_estimate(name, run):
@@ -82,6 +87,18 @@ def test_the_likelihood_for_each_number_knows_no_unit():
         for given in (calibration, replace(calibration, records=records))
     )
     assert in_unit - plain == pytest.approx(2.0 * np.log(unit), abs=1e-4)
+
+
+def test_a_second_descent_to_the_bottom_of_the_estimate_is_no_other_optimum():
+    """What a later correction moves the estimate away from would pass for another solution."""
+    calibration = delayed(2000)
+    evidence = Evidence.gather(calibration, model_of(calibration, None))
+    band, observed = next(training._observations(evidence, method("bandlimited")))
+    survey = training._Survey(band, observed)
+    weighting = training._without_model(band, observed)
+    ends = training._descended(evidence, survey, weighting, [SENSOR, SENSOR], silent, all_starts=True)
+    estimate = settle(ends[0], observed, weighting, silent)
+    assert with_rivals(estimate, ends, observed, silent).rival_optima == ()
 
 
 def test_suited_data_have_the_same_estimate_from_all_starts():

@@ -40,7 +40,10 @@ def with_rivals(
         if challenger is not None:
             best = challenger
             rivals = list(_optima_beside(best, rivals, progress))
-    rival_optima = tuple((end.at.cost - best.cost, end.values) for end in rivals)
+    values = best.coordinates.values(best.z)
+    rival_optima = tuple(
+        (end.at.cost - best.cost, end.values) for end in rivals if not end.is_at(values)
+    )
     return replace(best, rival_optima=rival_optima)
 
 

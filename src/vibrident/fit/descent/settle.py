@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -291,6 +291,19 @@ class Descended:
     def score(self) -> float:
         """Return V + log det(1 + JᵀWJ), −2 log of the likelihood of the data, by Laplace."""
         return float(laplace_score(self.at.cost, self.at.matrix))
+
+    def squared_distance(self, values: Mapping[str, float]) -> float:
+        """Return the squared distance of values, in standard uncertainties at this end."""
+        step = self.coordinates.place(dict(values)) - self.coordinates.place(self.values)
+        return float(step @ self.at.matrix @ step)
+
+    def is_at(self, values: Mapping[str, float]) -> bool:
+        """Return whether values are those of another end at the same bottom.
+
+        A descent ends within a step of its bottom that would lower V by less than its tolerance, so
+        the ends of two are apart by two such steps at most.
+        """
+        return self.squared_distance(values) <= 4.0 * START_TOLERANCE
 
     @property
     def explained(self) -> float:

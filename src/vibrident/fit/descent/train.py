@@ -159,7 +159,7 @@ def _searched_in_own_noise(
         place = int(np.argmin(scores))
         if not scores[place] < score - MIN_GAIN:
             break
-        arrived = likeliest is not None and _squared_distance(ends[place], likeliest) < 1.0
+        arrived = likeliest is not None and likeliest.squared_distance(ends[place].values) < 1.0
         weighting, likeliest = noises[place]
         if arrived:
             break
@@ -514,23 +514,12 @@ def _descended(
 
 
 def _different(ends: Sequence[Descended]) -> list[dict[str, float]]:
-    """Return the values at the ends of descents, the best first, without duplicates.
-
-    A descent ends within a step of the bottom that would lower its cost by less than its tolerance,
-    so two that end at one bottom are apart by two such steps at most.
-    """
+    """Return the values at the ends of descents, the best first, each bottom once."""
     chosen: list[Descended] = []
     for end in sorted(ends, key=lambda descended: descended.score):
-        if not any(_squared_distance(end, better) <= 4.0 * START_TOLERANCE for better in chosen):
+        if not any(better.is_at(end.values) for better in chosen):
             chosen.append(end)
     return [end.values for end in chosen]
-
-
-def _squared_distance(end: Descended, origin: Descended) -> float:
-    """Return the squared distance of two ends, in standard uncertainties at ``origin``."""
-    place = origin.coordinates.place
-    step = place(end.values) - place(origin.values)
-    return float(step @ origin.at.matrix @ step)
 
 
 def _without_model(band: Band, observed: MotionAndNoise) -> Weighting:
