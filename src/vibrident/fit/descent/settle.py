@@ -11,6 +11,7 @@ import numpy as np
 from vibrident.base.errors import InputError, NotConverged
 from vibrident.base.tails import chi2_tail
 from vibrident.data.records import FloatArray
+from vibrident.fit.descent.gradient import gradient_covariance, reference_pull
 from vibrident.fit.descent.in_noise import (
     GroupAt,
     GroupWeights,
@@ -20,11 +21,8 @@ from vibrident.fit.descent.in_noise import (
     places_in,
 )
 from vibrident.fit.descent.likelihoods import minus_two_log_likelihood
-from vibrident.fit.descent.sandwich import averaging_width
 from vibrident.fit.descent.weighting import Weighting, read_weighting
-from vibrident.fit.group.network import products
 from vibrident.fit.information import inverse_normal, laplace_score, sandwich_covariance
-from vibrident.fit.noise.averages import NEAREST_BINS, mean_around
 from vibrident.fit.noise.shapes import DOUBT_DEVIATIONS
 from vibrident.fit.noise.spectral_noise import SpectralNoise, doubtful
 from vibrident.fit.optimise import Progress, Trace, levenberg_marquardt
@@ -410,7 +408,7 @@ def settle(
             weighting = noise_of_best
             end = best
             trace = best.trace
-    return _stated(end.band, coordinates, end.z, end.at, trace, weighting, explains)
+    return _stated(end, trace, weighting, explains)
 
 
 def _costs_less(end: Descended, weighting: Weighting, best: Descended) -> bool:
@@ -444,83 +442,54 @@ def _noise_at(end: Descended, observed: MotionAndNoise) -> tuple[Weighting, Band
     return weighting, weighting.with_nuisances(end.band).at_ringing_of(end.values)
 
 
-def _stated(
-    band: Band,
-    coordinates: Coordinates,
-    z: FloatArray,
-    end: Iterate,
-    trace: Trace,
-    weighting: Weighting,
-    explains: bool,
-) -> Settled:
-    """Return the estimate with its covariance, by the spectrum of the residual (sandwich)."""
-    count = len(z)
+def _stated(end: Descended, trace: Trace, weighting: Weighting, explains: bool) -> Settled:
+    """Return the estimate with its covariance and the noise of each record."""
+    band = end.band
+    count = len(end.z)
+    floors = band.problem.noise_floor**2
+    inverse = inverse_normal(information(end.at))
     middle = np.zeros((count, count))
     freedom = 0.0
-    floors = band.problem.noise_floor**2
-    pulls = []
-    doubtful_pulls = []
-    inverse = inverse_normal(information(end))
+    pulls: list[FloatArray] = []
+    doubtful_pulls: list[FloatArray] = []
     deviation = np.sqrt(floors)  # of a record without a segment
     reference = np.zeros(len(floors))
     tones: list[tuple[float, ...]] = [()] * len(floors)
-    for place, fitted in zip(end.groups, fitted_numbers(end.groups), strict=True):
+    for place, fitted in zip(end.at.groups, fitted_numbers(end.at.groups), strict=True):
         grid = place.group.grid
-        averaged = averaging_width(grid.samples, 1 / 128)
+        owners = band.owners(place.group)
         spectra = [
             weighting.of_segment(number).spectrum_at(grid) for number in place.group.segments
         ]
-        excited = np.stack([spectrum.excited for spectrum in spectra])
-        owners = band.owners(place.group)
-        power = power_of(place.rows.residual) / (place.group.count[:, None] * place.psd)
-        power[:, 0] = power[:, 1]  # bin 0 holds an offset
-        floor = floors[owners][:, None] / place.psd
-        # Bins that do not count carry no information on the noise of those that do.
-        sums, weight_sums = (mean_around(rows, averaged) for rows in (power * excited, excited))
-        # The residual lacks what was fitted (MacKinnon & White 1985).
-        correction = place.numbers / np.maximum(place.numbers - fitted, 1.0)
-        sums = sums * correction[:, None]
-        # Sums over no bin that counts are rounding of those over all before it.
-        rounding = np.finfo(float).eps * excited.sum(axis=1, keepdims=True)
-        local = np.divide(sums, weight_sums, out=np.zeros_like(sums), where=weight_sums > rounding)
-        local = np.maximum(local, floor)
-        loud = place.weight * excited * local
-        middle += np.sum(products(place.jacobian * loud[:, None], place.jacobian), axis=0)
-        freedom += len(owners) * 4.0 * (averaged - NEAREST_BINS)
-        for row, (spectrum, owner) in enumerate(zip(spectra, owners, strict=True)):
-            if grid.driven:
-                pull = _draw(place, row, spectrum.doubt)
-                pulls.append(inverse @ pull / DOUBT_DEVIATIONS)
-            if grid.driven and not spectrum.free:
+        group_middle, group_freedom = gradient_covariance(place, spectra, fitted, floors[owners])
+        middle += group_middle
+        freedom += group_freedom
+        for row, spectrum in enumerate(spectra if grid.driven else []):
+            pulls.append(inverse @ reference_pull(place, row, spectrum.doubt) / DOUBT_DEVIATIONS)
+            if not spectrum.free:
                 doubtful_pulls.append(pulls[-1])
+        for spectrum, owner in zip(spectra, owners, strict=True):
             reference[owner] = max(reference[owner], np.sqrt(spectrum.input_noise))
             deviation[owner] = np.sqrt(np.mean(spectrum.psd))
             unit = grid.rate_hz / max(grid.samples, 1)
             tones[owner] = tuple(tone * unit for tone in spectrum.tones)
     values, vectors = np.linalg.eigh(inverse)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    covariance = sandwich_covariance(root, middle, end.matrix)
+    covariance = sandwich_covariance(root, middle, end.at.matrix)
     covariance = covariance + np.sum([np.outer(pull, pull) for pull in pulls], axis=0)
     doubtful_rows = np.array(doubtful_pulls).reshape(-1, count)
-    noise = SpectralNoise(
-        reference, doubtful(doubtful_rows, covariance), tuple(tones), doubtful_rows
-    )
     return Settled(
-        band,
-        coordinates,
-        z,
-        covariance,
-        freedom,
-        trace,
-        weighting,
-        noise,
-        deviation,
-        end.groups,
-        explains,
+        band=band,
+        coordinates=end.coordinates,
+        z=end.z,
+        covariance=covariance,
+        degrees_of_freedom=freedom,
+        trace=trace,
+        weighting=weighting,
+        noise=SpectralNoise(
+            reference, doubtful(doubtful_rows, covariance), tuple(tones), doubtful_rows
+        ),
+        deviation=deviation,
+        places=end.at.groups,
+        explains=explains,
     )
-
-
-def _draw(place: GroupAt, row: int, doubt: FloatArray) -> FloatArray:
-    """Return the pull of noise of the reference that may remain (95 %), shape (P,)."""
-    weighted = place.through * (place.weight[row] * place.group.grid.samples * doubt)
-    return products(place.turns, weighted[None])[:, 0]
