@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from vibrident.data.records import FloatArray
@@ -18,6 +20,26 @@ MIN_EXCITATION_RATIO = 10.0
 PARTS_OF_FIRST_BLOCK = 8
 
 
+class _Block(NamedTuple):
+    """Products of the rows of a block, and the noise there.
+
+    Attributes:
+        gram: products of columns and response, shape (m + 1, m + 1).
+        upper: its triangle, shape (m + 1, m + 1).
+        squares: of the residual.
+        freedom: degrees of freedom of these.
+        variance: of the noise.
+        noise_is_known: whether earlier blocks tell it.
+    """
+
+    gram: FloatArray
+    upper: FloatArray
+    squares: float
+    freedom: float
+    variance: float
+    noise_is_known: bool
+
+
 class Learner:
     """Add whole blocks to what is known."""
 
@@ -27,6 +49,35 @@ class Learner:
 
     def end_block(self) -> None:
         """Learn from the block under way, test it, and begin the next."""
+        block = self._moving_block()
+        if block is None:
+            self.knowledge.free_run()
+            return
+        s = self.knowledge.state
+        is_new_run = self._begin_states(block)
+        s.root[:] = self.knowledge.walked()
+        s.clock[ClockItem.LAST_WALK_S] = self.knowledge.time_s
+        rows = block.upper[: self.knowledge.network.columns] / np.sqrt(block.variance)
+        learned = information.absorb(s.root, rows)
+        lags = s.block[3:].copy(), float(s.block[1])
+        if not s.clock[ClockItem.POINT_IS_SETTLED]:
+            if self._settles_point(learned, is_new_run=is_new_run):
+                self._learn_whitening(*lags)
+                s.lags[:] = 0.0
+            self._clear_block()
+            self.knowledge.move(information.solve(learned))
+            return
+        self._add(block, learned)
+        self._clear_block()
+        if s.pending[0] == CHANGE_BEING_LEARNED:
+            self.changes.name()
+        elif self.changes.test_segments():
+            return
+        if not self._moved(is_new_run=is_new_run):
+            self._learn_whitening(*lags)
+
+    def _moving_block(self) -> _Block | None:
+        """Return the block under way; None where it has no motion that stands out of the noise."""
         s = self.knowledge.state
         net = self.knowledge.network
         m = net.columns
@@ -35,66 +86,75 @@ class Learner:
         upper = information.triangle(gram)
         squares = float(upper[m, m] ** 2)
         freedom = float(s.block[1] - np.count_nonzero(np.diag(upper)[:m]))
-        known_noise = s.noise[1] > 0.0
-        variance = s.noise[0] / s.noise[1] if known_noise else squares / max(freedom, 1.0)
+        noise_is_known = bool(s.noise[1] > 0.0)
+        variance = s.noise[0] / s.noise[1] if noise_is_known else squares / max(freedom, 1.0)
         gain = k + net.gain
         min_squared_gain = (
             MIN_EXCITATION_RATIO * s.block[1] * variance / max(upper[gain, gain], 1e-150) ** 2
         )
         moved = max(1.0, s.point[gain] ** 2) > min_squared_gain
         if not (freedom > 0.0 and variance > 0.0 and moved):
-            self.knowledge.free_run()
-            return
+            return None
         if s.point[gain] ** 2 <= min_squared_gain:
             # A dead channel: motion without a response tells the gain alone.
             not_gain = np.delete(np.arange(k, m), net.gain)
             gram[not_gain] = 0.0
             gram[:, not_gain] = 0.0
             upper = information.triangle(gram)
-        fresh = bool(s.clock[ClockItem.STATES_ARE_UNKNOWN])
-        if fresh:
-            diagonal = np.arange(k)
-            s.root[diagonal, diagonal] = np.sqrt(
-                information.INITIAL_INFORMATION * np.maximum(np.diag(gram)[:k], 1e-300) / variance
-            )
-            s.clock[ClockItem.STATES_ARE_UNKNOWN] = 0.0
-        s.root[:] = self.knowledge.walked()
-        s.clock[ClockItem.LAST_WALK_S] = self.knowledge.time_s
-        learned = information.absorb(s.root, upper[:m] / np.sqrt(variance))
-        lags = s.block[3:].copy(), float(s.block[1])
-        if not s.clock[ClockItem.POINT_IS_SETTLED]:
-            if s.pending[0] != CHANGE_BEING_LEARNED:
-                if not s.clock[ClockItem.PARTS_AT_POINT]:
-                    s.pending[1] = self.knowledge.time_s - s.block[0] * net.interval_s
-                s.clock[ClockItem.PARTS_AT_POINT] += 1.0
-            if not fresh and not self._unsettled(learned):
-                s.clock[ClockItem.POINT_IS_SETTLED] = 1.0
-                self._learn_whitening(*lags)
-                s.lags[:] = 0.0
-            s.block[:] = 0.0
-            s.products[:] = 0.0
-            self.knowledge.move(information.solve(learned))
-            return
-        before = self.changes.noise() if known_noise else (0.0, 0.0, 0.0)
-        start = self.knowledge.time_s - s.block[0] * net.interval_s
-        gram = gram / variance
+        return _Block(gram, upper, squares, freedom, float(variance), noise_is_known)
+
+    def _begin_states(self, block: _Block) -> bool:
+        """Return whether a run begins in a block; its states are next to unknown then."""
+        s = self.knowledge.state
+        if not s.clock[ClockItem.STATES_ARE_UNKNOWN]:
+            return False
+        diagonal = np.arange(self.knowledge.network.nuisances)
+        power = np.maximum(np.diag(block.gram)[: diagonal.size], 1e-300)
+        s.root[diagonal, diagonal] = np.sqrt(
+            information.INITIAL_INFORMATION * power / block.variance
+        )
+        s.clock[ClockItem.STATES_ARE_UNKNOWN] = 0.0
+        return True
+
+    def _settles_point(self, learned: FloatArray, *, is_new_run: bool) -> bool:
+        """Return whether a part of the first block settles the point of linearisation."""
+        s = self.knowledge.state
         if s.pending[0] != CHANGE_BEING_LEARNED:
-            s.ladder.add(
-                s.root, gram, (squares, freedom, *before), start, int(s.clock[ClockItem.BLOCKS])
-            )
+            if not s.clock[ClockItem.PARTS_AT_POINT]:
+                s.pending[1] = self._block_start_s
+            s.clock[ClockItem.PARTS_AT_POINT] += 1.0
+        if is_new_run or self._is_unsettled(learned):
+            return False
+        s.clock[ClockItem.POINT_IS_SETTLED] = 1.0
+        return True
+
+    def _add(self, block: _Block, learned: FloatArray) -> None:
+        """Add a block to what is known, and to the segments that are compared."""
+        s = self.knowledge.state
+        gram = block.gram / block.variance
+        squares = block.squares
+        freedom = block.freedom
+        if s.pending[0] != CHANGE_BEING_LEARNED:
+            before = self.changes.noise() if block.noise_is_known else (0.0, 0.0, 0.0)
+            noise = squares, freedom, *before
+            s.ladder.add(s.root, gram, noise, self._block_start_s, int(s.clock[ClockItem.BLOCKS]))
         s.root[:] = learned
         s.row[:-2] += gram.ravel()
         s.row[-2:] += (squares, freedom)
         s.noise += (squares, freedom, s.block[2], s.block[1], squares**2 / freedom, 1.0)
         s.clock[ClockItem.BLOCKS] += 1.0
+
+    def _clear_block(self) -> None:
+        """Begin the next block."""
+        s = self.knowledge.state
         s.block[:] = 0.0
         s.products[:] = 0.0
-        if s.pending[0] == CHANGE_BEING_LEARNED:
-            self.changes.name()
-        elif self.changes.test_segments():
-            return
-        if not self._moved(fresh=fresh):
-            self._learn_whitening(*lags)
+
+    @property
+    def _block_start_s(self) -> float:
+        """Return when the block under way began, s."""
+        knowledge = self.knowledge
+        return knowledge.time_s - knowledge.state.block[0] * knowledge.network.interval_s
 
     def end_run(self) -> None:
         """Forget the parameters where the parts of a run contradict each other.
@@ -108,7 +168,7 @@ class Learner:
         ):
             self.changes.contradict()
 
-    def _unsettled(self, learned: FloatArray) -> bool:
+    def _is_unsettled(self, learned: FloatArray) -> bool:
         """Return whether this block moves the point by more than two independent blocks may.
 
         Such a block sets the point alone.
@@ -117,7 +177,7 @@ class Learner:
         away = learned[k:, k:-1] @ information.solve(learned)[k:]
         return bool(away @ away > 2.0 * self.knowledge.thresholds.further[-1])
 
-    def _moved(self, *, fresh: bool) -> bool:
+    def _moved(self, *, is_new_run: bool) -> bool:
         """Move the point of linearisation where the estimate is about u off, or the run is new."""
         s = self.knowledge.state
         net = self.knowledge.network
@@ -125,7 +185,7 @@ class Learner:
         move = information.solve(s.root)
         away = s.root[k:, k:-1] @ move[k:]
         # the expected square is one for each parameter
-        if not fresh and s.clock[ClockItem.BLOCKS] > 1.0 and away @ away <= len(away):
+        if not is_new_run and s.clock[ClockItem.BLOCKS] > 1.0 and away @ away <= len(away):
             return False
         self.knowledge.move(move)
         return True
