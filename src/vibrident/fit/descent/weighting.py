@@ -15,7 +15,13 @@ from vibrident.fit.noise.projection import BLOCK_BINS
 from vibrident.fit.noise.reading import read_noise
 from vibrident.fit.noise.residuals import Residuals
 from vibrident.fit.noise.spectrum import NoiseSpectrum
-from vibrident.fit.noise.tones import common_tones, located, with_tones
+from vibrident.fit.noise.tones import (
+    RecordTones,
+    common_tones,
+    located,
+    with_tones,
+    with_weak_harmonics,
+)
 from vibrident.fit.problem.band import Band
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of, reference_colour
@@ -126,6 +132,7 @@ def read_weighting(
     """
     floors = band.problem.noise_floor**2
     segments: dict[int, SegmentNoise] = {}
+    tones: dict[int, RecordTones] = {}
     for place, fitted in zip(places, fitted_numbers(places), strict=True):
         group = place.group
         squares = power_of(place.through)
@@ -153,11 +160,22 @@ def read_weighting(
                 heard=None if observed is None else observed.heard_in(group),
             )
         noise = read_noise(rows, group.grid.last - 1, colour)
-        spectra = NoiseSpectrum.by_record(noise)
-        known_tones = _known_tones(place)
-        for number, spectrum, known in zip(group.segments, spectra, known_tones, strict=True):
-            spectrum = replace(spectrum, tones=with_tones(known, spectrum.tones))
+        bin_hz = group.grid.rate_hz / group.grid.samples
+        rows_of_noise = zip(
+            group.segments,
+            NoiseSpectrum.by_record(noise),
+            _known_tones(place),
+            noise.excess_by_record,
+            strict=True,
+        )
+        for number, spectrum, known, excess in rows_of_noise:
             segments[number] = SegmentNoise(spectrum, squares, group.grid.samples)
+            tones[number] = RecordTones(known, spectrum.tones, excess, bin_hz)
+    strong_tones = with_weak_harmonics(list(tones.values()))
+    for (number, of_segment), strong in zip(tones.items(), strong_tones, strict=True):
+        noise = segments[number]
+        spectrum = replace(noise.spectrum, tones=with_tones(of_segment.known, strong))
+        segments[number] = replace(noise, spectrum=spectrum)
     return Weighting(segments)
 
 

@@ -31,7 +31,7 @@ from vibrident.fit.noise.shapes import (
     noise_of_shapes,
 )
 from vibrident.fit.noise.surroundings import level_of_noise
-from vibrident.fit.noise.tones import tones_of
+from vibrident.fit.noise.tones import tone_excess, tones_of
 from vibrident.fit.response.transform import MIN_SPECTRUM_SAMPLES, power_of
 
 #: Bins count where the prediction exceeds so many times that due to noise of the reference.
@@ -55,6 +55,8 @@ class GroupNoise:
             explain the prediction.
         tones: places of tones in the residual (hum of the mains), in bins, of each record.
         free: whether motion leaves bins free, in which noise of the reference shows, shape (R,).
+        excess: by how much a tone may exceed the noise at each bin, shape (R, K); None where no
+            record has tones, or bins are too few to tell.
     """
 
     psd: FloatArray
@@ -65,6 +67,12 @@ class GroupNoise:
     excited: FloatArray
     tones: tuple[tuple[float, ...], ...]
     free: BoolArray
+    excess: FloatArray | None = None
+
+    @property
+    def excess_by_record(self) -> list[FloatArray] | list[None]:
+        """Return the excess of each record, shape (K,); None where it is not known."""
+        return [None] * len(self.psd) if self.excess is None else list(self.excess)
 
     @property
     def doubt(self) -> FloatArray:
@@ -95,7 +103,12 @@ def read_noise(rows: Residuals, last: int, colour: FloatArray | float = 1.0) -> 
     names = "psd", "input_noise", "input_noise_at", "doubts", "excited", "free"
     arrays = {name: np.concatenate([getattr(noise, name) for noise in batches]) for name in names}
     tones = tuple(places for noise in batches for places in noise.tones)
-    return GroupNoise(colour=colour, tones=tones, **arrays)
+    excesses = [
+        np.zeros_like(noise.psd) if noise.excess is None else noise.excess for noise in batches
+    ]
+    has_excess = any(noise.excess is not None for noise in batches)
+    excess = np.concatenate(excesses) if has_excess else None
+    return GroupNoise(colour=colour, tones=tones, excess=excess, **arrays)
 
 
 def _read_one_level(rows: Residuals, last: int, colour: FloatArray | float) -> GroupNoise:
@@ -141,7 +154,10 @@ def _read(rows: Residuals, last: int, colour: FloatArray | float) -> GroupNoise:
     hum = relative > OUTSTANDING_RATIO * smooth
     hum &= ~lines
     psd = shape * smooth
-    tones = tones_of(rows.residual, incoherent.noise, psd * count, lines, rows.tones or ())
+    beside_tones = rows.residual, incoherent.noise, psd * count, lines
+    tones = tones_of(*beside_tones)
+    has_tones = any(tones) or any(rows.tones or ())
+    excess = tone_excess(*beside_tones) if has_tones else None
     np.multiply(shape, relative, out=psd, where=hum)
     np.maximum(psd, rows.floor[:, None], out=psd)
     excited = np.ones(psd.shape)
@@ -162,4 +178,5 @@ def _read(rows: Residuals, last: int, colour: FloatArray | float) -> GroupNoise:
         excited,
         tones,
         input_noise.free,
+        excess,
     )

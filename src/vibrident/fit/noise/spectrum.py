@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.noise.reading import GroupNoise, read_noise
 from vibrident.fit.noise.residuals import Residuals
+from vibrident.fit.noise.tones import RecordTones, with_weak_harmonics
 from vibrident.fit.response.response import ComplexArray
 
 
@@ -99,4 +100,13 @@ def noise_spectra(
         lines=np.stack(lines) if lines else None,
     )
     noise = read_noise(rows, first.last, first.colour)
-    return NoiseSpectrum.by_record(noise)
+    spectra = NoiseSpectrum.by_record(noise)
+    tones = with_weak_harmonics(
+        [
+            RecordTones((), spectrum.tones, excess, 1.0)
+            for spectrum, excess in zip(spectra, noise.excess_by_record, strict=True)
+        ]
+    )
+    return [
+        replace(spectrum, tones=places) for spectrum, places in zip(spectra, tones, strict=True)
+    ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,23 +33,15 @@ MAX_TONE_DISTANCE = 4
 
 
 def tones_of(
-    residual: ComplexArray,
-    noise: ComplexArray,
-    level: FloatArray,
-    moved: BoolArray,
-    known: Sequence[tuple[float, ...]] = (),
+    residual: ComplexArray, noise: ComplexArray, level: FloatArray, moved: BoolArray
 ) -> tuple[tuple[float, ...], ...]:
     """Return the places, in bins, of tones so strong that their leakage hides others.
-
-    Weak harmonics of tones that most of several records have are added: all records together show
-    them, though in each alone they might be chance.
 
     Args:
         residual: shape (R, K).
         noise: its component that is locally incoherent with the motion, shape (R, K).
         level: power of noise around, shape (R, K).
         moved: lines of the motion, shape (R, K).
-        known: tones of each record that are fitted already; empty: none.
 
     Returns:
         Of each record, the strongest first.
@@ -65,43 +58,71 @@ def tones_of(
         tops = np.flatnonzero(peaks) + 1
         tops = tops[np.argsort(-power[tops])][:MAX_TONES]
         places[record] = tuple((tops + 1 + _offsets(power, tops)).tolist())
-    pairs = zip(known or [()] * len(places), places, strict=True)
-    fundamentals = common_tones([(*fitted, *new) for fitted, new in pairs], [1.0] * len(places))
-    if not fundamentals:
-        return tuple(places)
-    ratio = np.minimum(power_of(residual), power_of(noise)) / np.maximum(level, MIN_POWER)
-    harmonics = _weak_harmonics(ratio, fundamentals, moved)
-    return tuple(with_tones(of_record, harmonics) for of_record in places)
+    return tuple(places)
 
 
-def _weak_harmonics(
-    ratio: FloatArray, fundamentals: Sequence[float], moved: BoolArray
-) -> tuple[float, ...]:
-    """Return the places, in bins, of harmonics of common tones that the records show together.
+def tone_excess(
+    residual: ComplexArray, noise: ComplexArray, level: FloatArray, moved: BoolArray
+) -> FloatArray:
+    """Return by how much a tone may exceed the noise at each bin, shape (R, K); one is no tone.
 
-    All records but the one that shows a harmonic most must exceed the chance of noise, which some
-    harmonic does in one of a thousand groups (Bonferroni). Elsewhere a misfit of all records would
-    pass for a tone.
-
-    Args:
-        ratio: power over that of noise around, shape (R, K).
-        fundamentals: places of the tones, in bins.
-        moved: lines of the motion, shape (R, K).
+    Arguments are those of :func:`tones_of`.
     """
-    records, bins = ratio.shape
-    freedom = np.full(records - 1, 4.0 * (averaged_bins(bins) - NEAREST_BINS))
-    multiples = [
-        order * place for place in fundamentals for order in HARMONICS if order * place < bins - 1
+    excess = np.minimum(power_of(residual), power_of(noise)) / np.maximum(level, MIN_POWER)
+    return np.where(moved, 0.0, excess)
+
+
+@dataclass(frozen=True, eq=False)
+class RecordTones:
+    """Tones of a record's residual.
+
+    Attributes:
+        known: places of those that were fitted, in bins.
+        strong: of others, the strongest first.
+        excess: of the residual over the noise at each bin, shape (K,); None where nothing tells it.
+        bin_hz: width of a bin, Hz.
+    """
+
+    known: tuple[float, ...]
+    strong: tuple[float, ...]
+    excess: FloatArray | None
+    bin_hz: float
+
+
+def with_weak_harmonics(records: Sequence[RecordTones]) -> list[tuple[float, ...]]:
+    """Return the places, in bins, of each record's strong tones, and of weak harmonics.
+
+    Harmonics of tones that most of several records have are found where all records together show
+    them, though in each alone they might be chance. All but the record that shows a harmonic most
+    must exceed the chance of noise, which some harmonic does in one of a thousand cases
+    (Bonferroni). Elsewhere a misfit of all records would pass for a tone.
+    """
+    tones = [(*record.known, *record.strong) for record in records]
+    fundamentals_hz = common_tones(tones, [record.bin_hz for record in records])
+    multiples_hz = [order * hz for hz in fundamentals_hz for order in HARMONICS]
+    harmonics_hz = [
+        hz for hz in multiples_hz if _chance(records, hz) < REJECTION / len(multiples_hz)
     ]
-    harmonics: list[float] = []
-    for place in multiples:
-        nearest = [int(place), int(place) + 1]
-        top = nearest[int(np.argmax(np.mean(ratio[:, nearest], axis=0)))]
-        weaker = np.sort(np.where(moved[:, top], 0.0, ratio[:, top]))[:-1]
-        chi2 = float(np.sum(as_chi2(2.0 * weaker, freedom)))
-        if 2 * len(multiples) * chi2_tail(2 * len(weaker), chi2) < REJECTION:
-            harmonics.append(place)
-    return with_tones((), tuple(harmonics))
+    return [
+        with_tones(record.strong, tuple(hz / record.bin_hz for hz in harmonics_hz))
+        for record in records
+    ]
+
+
+def _chance(records: Sequence[RecordTones], hz: float) -> float:
+    """Return the chance that noise exceeds its level at a frequency as much as records do."""
+    excesses: list[float] = []
+    freedoms: list[float] = []
+    for record in records:
+        place = round(hz / record.bin_hz)
+        if record.excess is not None and place < record.excess.size - 1:
+            excesses.append(float(record.excess[place]))
+            freedoms.append(4.0 * (averaged_bins(record.excess.size) - NEAREST_BINS))
+    weaker = np.argsort(excesses)[:-1]
+    if not weaker.size:
+        return 1.0
+    chi2 = float(np.sum(as_chi2(2.0 * np.array(excesses)[weaker], np.array(freedoms)[weaker])))
+    return chi2_tail(2 * weaker.size, chi2)
 
 
 def located(place: float, signal: FloatArray) -> float:
