@@ -184,10 +184,10 @@ def delays(runs: int) -> list[Figure]:
     for name in steps("tracking changes", SENSORS):
         motions = [Motion(sensor_named(name), np.random.default_rng(seed)) for seed in range(runs)]
         for what in STEPS:
-            figures[what][name] = float(np.median([step(each, what) for each in motions]))
+            figures[what][name] = float(np.median([step(motion, what) for motion in motions]))
         figures["ramp of 1 % an hour"][name] = ramp(motions[0])
     note = " · ".join(SENSORS)
     return [
-        Figure(f"{what}: time to alarm over the bound", each, note=note)
-        for what, each in figures.items()
+        Figure(f"{what}: time to alarm over the bound", by_sensor, note=note)
+        for what, by_sensor in figures.items()
     ]

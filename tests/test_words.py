@@ -12,7 +12,7 @@ from tests.support.sources import ROOT, modules, tree
 #: Names that a reader must look up: a variable, argument or function says what it holds or does.
 RIDDLES = frozenset(
     [
-        *("asked", "beside", "comes", "found", "given", "goes", "holds", "it", "kept", "left"),
+        *("asked", "beside", "comes", "each", "found", "given", "goes", "holds", "it", "kept", "left"),
         *("made", "one", "other", "others", "own", "rest", "said", "seen", "some", "stands"),
         *("taken", "them", "these", "thing", "things", "those", "told", "which", "whole"),
     ]

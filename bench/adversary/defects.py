@@ -50,7 +50,7 @@ class Defect:
         return self.name.split(":")[0]
 
 
-def each(change: Change) -> Changes:
+def in_every_record(change: Change) -> Changes:
     """Return the same defect in every record."""
     return lambda records, rng: [change(record, rng) for record in records]
 
@@ -200,12 +200,12 @@ def folded(values: Real, rng: np.random.Generator, tone: float, size: float) -> 
 
 def respond(change: Callable[..., Real], *sizes: Any) -> Changes:
     """Apply a change to the response of every record."""
-    return each(_on("response", change, *sizes))
+    return in_every_record(_on("response", change, *sizes))
 
 
 def refer(change: Callable[..., Real], *sizes: Any) -> Changes:
     """Apply a change to the reference of every record."""
-    return each(_on("reference", change, *sizes))
+    return in_every_record(_on("reference", change, *sizes))
 
 
 def respond_once(change: Callable[..., Real], *sizes: Any) -> Changes:
@@ -277,12 +277,14 @@ def recordings() -> tuple[Defect, ...]:
     )
     defects += _sizes("drift", (0.1, 1.0, 10.0), lambda s: respond(drift, s))
     defects += _sizes(
-        "offset", (1.0, 100.0), lambda s: each(lambda r, g: r.both(lambda v: v + s * rms(v)))
+        "offset",
+        (1.0, 100.0),
+        lambda s: in_every_record(lambda r, g: r.both(lambda v: v + s * rms(v))),
     )
     defects += _sizes("spikes", (1.0, 10.0, 100.0), lambda s: respond(spikes, 3, s))
     defects += _sizes("spikes of the reference", (3.0, 30.0), lambda s: refer(spikes, 3, s))
     defects += _sizes("missing samples", (1, 3), lambda s: respond(missing, int(s)))
-    defects += _sizes("jump of time", (1, 37, 400), lambda s: each(gap(int(s))))
+    defects += _sizes("jump of time", (1, 37, 400), lambda s: in_every_record(gap(int(s))))
     defects += _sizes("compression", (0.001, 0.01, 0.1, 0.2), lambda s: respond(compressed, s))
     defects += _sizes("square", (0.01, 0.1), lambda s: respond(squared, s))
     defects += _sizes("dead band", (0.001, 0.01), lambda s: respond(dead_band, s))
@@ -290,10 +292,12 @@ def recordings() -> tuple[Defect, ...]:
     defects += _sizes("aliased tone", (0.03, 0.3), lambda s: respond(folded, 0.19, s))
     defects += _sizes("copies", (2, 5), lambda s: repeated(int(s)))
     defects += _sizes(
-        "rate with stated frequency", (0.5, 2.0, 1.024), lambda s: each(rate(s, stated=True))
+        "rate with stated frequency",
+        (0.5, 2.0, 1.024),
+        lambda s: in_every_record(rate(s, stated=True)),
     )
     defects += [
-        Defect("swapped channels", each(swapped)),
+        Defect("swapped channels", in_every_record(swapped)),
         Defect("swapped channels of one record", of_one_record(swapped)),
         Defect("polarity of one record", respond_once(scaled, -1.0)),
         Defect(
@@ -323,7 +327,8 @@ def acquisition() -> tuple[Defect, ...]:
                 f"buffer twice reference:{length}", refer(lambda v, g, n=length: twice(n, False)(v))
             ),
             Defect(
-                f"buffer twice both:{length}", each(lambda r, g, n=length: r.both(twice(n, False)))
+                f"buffer twice both:{length}",
+                in_every_record(lambda r, g, n=length: r.both(twice(n, False))),
             ),
             Defect(
                 f"buffer inserted response:{length}",
@@ -331,12 +336,16 @@ def acquisition() -> tuple[Defect, ...]:
             ),
             Defect(
                 f"buffer inserted both:{length}",
-                each(lambda r, g, n=length: r.both(twice(n, True))),
+                in_every_record(lambda r, g, n=length: r.both(twice(n, True))),
             ),
         ]
-    defects += _sizes("slip between channels", (1, 10, 100), lambda s: each(slipped(int(s))))
+    defects += _sizes(
+        "slip between channels", (1, 10, 100), lambda s: in_every_record(slipped(int(s)))
+    )
     defects += _sizes(
         "slip between channels of one record", (1, 10), lambda s: of_one_record(slipped(int(s)))
     )
-    defects += _sizes("cuts of both channels", (1, 2, 3), lambda s: each(cuts(3, int(s))))
+    defects += _sizes(
+        "cuts of both channels", (1, 2, 3), lambda s: in_every_record(cuts(3, int(s)))
+    )
     return tuple(defects)

@@ -238,9 +238,9 @@ print(coil_result.provenance["model"]["formula"])
 # %% [check]
 assert not plain.fit.adequate
 assert "lack_of_fit" in plain.warning_codes
-for each in results.values():
-    assert each.fit.adequate
-    assert not each.warnings
+for result in results.values():
+    assert result.fit.adequate
+    assert not result.warnings
 assert len(errors) == 10
 assert max(abs(error) for error in errors.values()) < 3.0
 assert abs(q_mechanical / (np.sqrt(60.0) / 1.1) - 1) < 1e-3

@@ -107,16 +107,16 @@ swaying = vibrident.simulate(
 wrong = vibrident.identify(swaying, model="accelerometer")
 right = vibrident.identify(swaying, model="accelerometer+mode2")
 sensitivity = 1.02 / 9.80665  # of the simulated sensor, V/(m/s²)
-for each in (wrong, right):
-    parameter = each.parameters["sensitivity"]
-    print(each.model)
+for result in (wrong, right):
+    parameter = result.parameters["sensitivity"]
+    print(result.model)
     print(
         f"    off by    {100 * (parameter.value / sensitivity - 1):+.3f} %"
     )
     u = parameter.standard_uncertainty / parameter.value
     print(f"    u         {100 * u:.3f} %")
-    print(f"    χ²/ν      {each.fit.chi2_reduced:.3g}")
-    print(f"    warnings  {', '.join(each.warning_codes) or 'none'}")
+    print(f"    χ²/ν      {result.fit.chi2_reduced:.3g}")
+    print(f"    warnings  {', '.join(result.warning_codes) or 'none'}")
 
 # %% [markdown]
 # The wrong model is off by more than 1 %. It says so, by the warning and by a u that has

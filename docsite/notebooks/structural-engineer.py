@@ -61,8 +61,8 @@ comparison = vibrident.compare(
     models=["accelerometer", "accelerometer+highpass"],
     estimators=["ml"],
 )
-for name, each in comparison.results.items():
-    print(f"{name:28} χ²/ν {each.fit.chi2_reduced:10.3g}")
+for name, result in comparison.results.items():
+    print(f"{name:28} χ²/ν {result.fit.chi2_reduced:10.3g}")
 
 # %% [markdown]
 # χ²/ν is near 1 where noise is all that a model leaves. The plain model is refused; it says

@@ -9,5 +9,5 @@ shock = vibrident.simulate("paper", "shock", samples=2000, response_noise=1e-3, 
 by_sine, by_shock = vibrident.identify_together([sine, shock])
 alone = vibrident.identify(sine)
 for name in ("sensitivity", "natural_frequency", "damping_ratio"):
-    before, after = (each.parameters[name].standard_uncertainty for each in (alone, by_sine))
+    before, after = (result.parameters[name].standard_uncertainty for result in (alone, by_sine))
     print(f"{name}: u = {before:.2g} by sine alone, {after:.2g} together")

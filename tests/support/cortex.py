@@ -55,10 +55,10 @@ def run(sources: Path, u: Real, y: Real) -> CortexOutput:
 
     def numbers(word: str) -> list[list[float]]:
         lines = [line for line in text.splitlines() if line.startswith(word)]
-        return [[float(each) for each in re.findall(r"(?<![\w.])-?\d[\w.+-]*", line)] for line in lines]
+        return [[float(number) for number in re.findall(r"(?<![\w.])-?\d[\w.+-]*", line)] for line in lines]
 
     return CortexOutput(
-        [each[1:] for each in numbers("parameter")],
+        [row[1:] for row in numbers("parameter")],
         numbers("alarm"),
         numbers("instructions")[0],
         numbers("ram")[0],
@@ -74,4 +74,4 @@ def flash(sources: Path) -> int:
         [*STRICT, *M4F, *linked, *entry_options, "-o", "alone.elf", "sensor.c", "-lm"], cwd=sources, check=True
     )
     text = subprocess.check_output(["arm-none-eabi-size", "alone.elf"], cwd=sources, text=True)
-    return sum(int(each) for each in text.splitlines()[1].split()[:2])
+    return sum(int(size) for size in text.splitlines()[1].split()[:2])

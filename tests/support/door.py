@@ -31,7 +31,7 @@ def _lines(name: str) -> Iterator[str]:
 
 def _members(value: type) -> Iterator[str]:
     """Describe what a class defines itself; fields are told by the signature of its constructor."""
-    fields = {each.name for each in dataclasses.fields(value)} if dataclasses.is_dataclass(value) else set()
+    fields = {field.name for field in dataclasses.fields(value)} if dataclasses.is_dataclass(value) else set()
     for name, member in sorted(vars(value).items()):
         if name.startswith("_") or name in fields:
             continue

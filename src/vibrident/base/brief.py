@@ -39,13 +39,13 @@ _short.maxstring = _short.maxother = 80
 def brief(self: Any) -> str:
     """Return a representation of a dataclass: every field that is not empty, each cut short."""
     shown_fields = []
-    for each in fields(self):
-        value = getattr(self, each.name)
+    for attribute in fields(self):
+        value = getattr(self, attribute.name)
         empty = value is None or (isinstance(value, str | tuple | Mapping) and not value)
-        if each.repr and not empty:
+        if attribute.repr and not empty:
             text = _short.repr(value)
             if len(text) > MAX_FIELD_LENGTH:
                 text = text[: MAX_FIELD_LENGTH - 1] + "…"
-            shown_fields.append(f"{each.name}={text}")
+            shown_fields.append(f"{attribute.name}={text}")
     text = f"{type(self).__name__}({', '.join(shown_fields)})"
     return text if len(text) <= MAX_LENGTH else text[: MAX_LENGTH - 2] + "…)"

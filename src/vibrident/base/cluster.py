@@ -111,8 +111,8 @@ class Cluster:
     def _calls(
         self, function: Callable[..., Any], arguments: Iterable[tuple[Any, ...]]
     ) -> Iterator[Any]:
-        for each in arguments:
-            yield self._client.submit(function, *each, pure=False)
+        for argument in arguments:
+            yield self._client.submit(function, *argument, pure=False)
 
     def _result(self, call: Any) -> Any:
         from concurrent.futures import CancelledError

@@ -123,7 +123,7 @@ def did_you_mean(
     likeness: float = 0.6,
 ) -> str:
     """Return the remedy for an unknown name: the most similar known one, else ``otherwise``."""
-    by_lower = {each.lower(): each for each in names}
+    by_lower = {known_name.lower(): known_name for known_name in names}
     near = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=likeness)
     return f"did you mean {by_lower[near[0]]!r}?" if near else otherwise
 

@@ -371,7 +371,10 @@ def _list(
     if len(u) and not np.isnan(u).any():
         spread = tree.make(
             "si:expandedUncXMLList",
-            tree.make("si:uncertaintyXMLList", text=" ".join(numeral(K * each) for each in u)),
+            tree.make(
+                "si:uncertaintyXMLList",
+                text=" ".join(numeral(K * uncertainty) for uncertainty in u),
+            ),
             tree.make("si:coverageFactorXMLList", text="2.0"),
             tree.make("si:coverageProbabilityXMLList", text=_probability(probability)),
         )

@@ -169,7 +169,7 @@ def _template_values(
         "SCALE": _text(net.scale),
         "START": _text(start),
         "PRIOR": _text(tracked.state.root[k:, k:-1]),
-        "POSITIVE": ", ".join(str(int(each)) for each in net.positive),
+        "POSITIVE": ", ".join(str(int(is_positive)) for is_positive in net.positive),
         "WALKS": ", ".join(str(int(spec.kind != "time")) for spec in net.model.parameters),
         "DRIFT_RATE": repr(rate_of_walk),
         "REFERENCE_U": repr(settings.reference_uncertainty),
@@ -192,5 +192,5 @@ def _text(values: object) -> str:
     """Return numbers of one or two dimensions as an initialiser; exact."""
     array = np.asarray(values, dtype=float)
     if array.ndim == 1:
-        return ", ".join(repr(float(each)) for each in array)
+        return ", ".join(repr(float(value)) for value in array)
     return ",\n    ".join("{" + _text(row) + "}" for row in array)

@@ -215,7 +215,7 @@ def error_by_noise(
     points = []
     for number, level in enumerate(levels):
         seeds = (np.random.SeedSequence([seed, number, draw]) for draw in range(draws))
-        noisy = [with_noise(truth, response_noise=level, seed=each) for each in seeds]
+        noisy = [with_noise(truth, response_noise=level, seed=draw_seed) for draw_seed in seeds]
         for name, estimate in NOISE_METHODS.items():
             points.append(_noise_point(name, level, [estimate(draw) for draw in noisy]))
             progress(len(points), len(levels) * len(NOISE_METHODS), points[-1].mean_percent)

@@ -35,7 +35,9 @@ def plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return [plain(item) for item in value.tolist()]
     if is_dataclass(value):
-        part = {each.name: plain(getattr(value, each.name)) for each in fields(value)}
+        part = {
+            attribute.name: plain(getattr(value, attribute.name)) for attribute in fields(value)
+        }
         return _with_unknown(part)
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}

@@ -228,7 +228,7 @@ def measured(result: Result, translate: Translator = ENGLISH) -> Table | None:
         values = (float(values[i]) for values in value_columns)
         point = SensitivityPoint(nominal_frequency(f) or NONE, f, *values)
         row = _point_row(point, scale.factor, has_phases)
-        rows.append(_insert(row, tuple(each.cell(i) for each in extra_columns)))
+        rows.append(_insert(row, tuple(extra_column.cell(i) for extra_column in extra_columns)))
     notes = [translate("text", "measured_note")]
     if step > 1:
         notes.append(translate("text", "thinned", step=step, total=total))
@@ -239,7 +239,7 @@ def measured(result: Result, translate: Translator = ENGLISH) -> Table | None:
         notes.append(translate("text", "deviation_note", reference=hz))
     heads = _insert(
         _point_columns(translate, scale.unit, has_phases),
-        tuple(each.head for each in extra_columns),
+        tuple(extra_column.head for extra_column in extra_columns),
     )
     return Table(heads, tuple(rows), notes=tuple(notes))
 

@@ -82,8 +82,8 @@ def stated_parameters(result: Result) -> Result:
     if any(np.isfinite(curve.phase_deg).any() for curve in (result.response, result.measured)):
         return result
     parameters = {
-        name: each
-        for name, each in result.parameters.items()
+        name: parameter
+        for name, parameter in result.parameters.items()
         if getattr(described(name), "kind", "") != "time"
     }
     indices = [i for i, name in enumerate(result.correlation.names) if name in parameters]
@@ -94,7 +94,9 @@ def stated_parameters(result: Result) -> Result:
 
 def _certify_model(result: Result) -> Result:
     if not result.fit.adequate:
-        settings = {key: each for key, each in result.settings.items() if key != "temperature"}
+        settings = {
+            key: setting for key, setting in result.settings.items() if key != "temperature"
+        }
         return replace(
             result,
             parameters={},

@@ -105,8 +105,10 @@ def explanations(points: LinePoints, rejection: float) -> list[int | None]:
     """
     if len(points.x) < 4:
         return []
-    each: list[tuple[int | None, FloatArray]] = [
+    named_columns: list[tuple[int | None, FloatArray]] = [
         *enumerate(np.eye(len(points.x))),
         (None, points.x**2),
     ]
-    return [name for name, column in each if fit_line(points, column).probability >= rejection]
+    return [
+        name for name, column in named_columns if fit_line(points, column).probability >= rejection
+    ]

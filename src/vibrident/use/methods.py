@@ -120,7 +120,8 @@ class Comparison:
         first, *later_names = self.results
         values = {name: _value(result, name, parameter) for name, result in self.results.items()}
         shared = {
-            name: shared_sources(each, parameter=parameter) for name, each in self.results.items()
+            name: shared_sources(named_result, parameter=parameter)
+            for name, named_result in self.results.items()
         }
         errors: dict[str, float | None] = {}
         for name in later_names:
@@ -198,7 +199,7 @@ def compare(
     if isinstance(data, str | os.PathLike | Result):
         data = [data]
     named_results = (
-        data if isinstance(data, Mapping) else {str(n): each for n, each in enumerate(data, 1)}
+        data if isinstance(data, Mapping) else {str(n): item for n, item in enumerate(data, 1)}
     )
     if not named_results:
         raise InputError(

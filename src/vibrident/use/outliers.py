@@ -44,7 +44,7 @@ def find_outlier(values: FloatArray, mountings: Sequence[str], noise: FloatArray
         noise: smallest variance of a run, that of its noise, shape (p,).
     """
     names = list(dict.fromkeys(mountings))
-    member = np.array([[each == name for each in mountings] for name in names])
+    member = np.array([[mounting == name for mounting in mountings] for name in names])
     tests = [_test(values, member, np.eye(len(values), dtype=bool), noise)]
     if len(names) > 1:
         counts = member.sum(axis=1, keepdims=True)

@@ -73,8 +73,8 @@ def identify_temperatures(
     points = {name: point for name, point in all_points.items() if point is not None}
     rejection = REJECTION / max(len(points), 1)
     lines = {
-        name: _TemperatureLine(name, tuple(results), fit_line(each), rejection)
-        for name, each in points.items()
+        name: _TemperatureLine(name, tuple(results), fit_line(parameter), rejection)
+        for name, parameter in points.items()
     }
     # A derived parameter of parameters on straight lines lies on none.
     bent = [

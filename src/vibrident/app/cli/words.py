@@ -41,8 +41,8 @@ def _flags(root: Any, names: list[str], keyword: str) -> Iterator[str]:
     flag_of_keyword = f"--{_UNIT.sub('', keyword).replace('_', '-')}"
     for name in names:
         command = root.commands.get(name)
-        for each in getattr(command, "commands", {"": command}).values():
-            for parameter in getattr(each, "params", ()):
+        for subcommand in getattr(command, "commands", {"": command}).values():
+            for parameter in getattr(subcommand, "params", ()):
                 flags = [*parameter.opts, *parameter.secondary_opts]
                 if flag_of_keyword in flags:
                     yield flag_of_keyword

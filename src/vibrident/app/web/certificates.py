@@ -31,7 +31,8 @@ def list_drafts(store: str) -> list[Fields]:
             return []
         listed = drafts.drafts(opened)[:MAX_DRAFTS_SHOWN]
     return [
-        {**vars(each), "date": None if each.date is None else str(each.date)} for each in listed
+        {**vars(certificate), "date": None if certificate.date is None else str(certificate.date)}
+        for certificate in listed
     ]
 
 

@@ -276,7 +276,9 @@ def history(
     return {
         "words": " ".join(words),
         "charts": fitting(charts(speak, *drawn), MAX_CHART_BYTES)[0],
-        "tables": fragment(speak, *(each for each in blocks if not isinstance(each, Figure))),
+        "tables": fragment(
+            speak, *(shown_block for shown_block in blocks if not isinstance(shown_block, Figure))
+        ),
     }
 
 

@@ -50,10 +50,10 @@ class SensorsStep:
     def _work(self) -> list[tuple[User, NamedResult]]:
         """Return the results of this user in all tabs, those of this tab first."""
         closed_tabs = self.user.users.closed_tabs_of(self.user.owner)
-        each = [
+        items = [
             (user, named) for user in (self.user, *closed_tabs) for named in reversed(user.results)
         ]
-        return each[:_MAX_WORK]
+        return items[:_MAX_WORK]
 
     async def show(self) -> None:
         """Show what the store and this user's tabs hold of the wanted serial number."""

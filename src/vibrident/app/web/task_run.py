@@ -153,7 +153,7 @@ class TaskRun:
         try:
             async with user.session.new_folder("run") as folder:
                 if request.result:
-                    named = (each for each in user.results if each.name == request.result)
+                    named = (result for result in user.results if result.name == request.result)
                     (folder / RESULT_FILE).write_bytes(next(named).path.read_bytes())
                 await asyncio.to_thread(user.session.copy_to, folder)
                 if request.content:
@@ -194,7 +194,9 @@ class TaskRun:
             if request.task == IDENTIFY:
                 await user.note("identified", path, model=model, estimator=estimator)
                 prefixes = (named.name.partition(":")[0] for named in user.results)
-                number = max((int(each) for each in prefixes if each.isdecimal()), default=0) + 1
+                number = (
+                    max((int(prefix) for prefix in prefixes if prefix.isdecimal()), default=0) + 1
+                )
                 calibration = folder / request.files[0]
                 made_by = replace(request, content=b"")
                 user.keep_result(f"{number}: {model}, {estimator}", path, calibration, made_by)

@@ -94,9 +94,9 @@ def translated(language: Language, shown: _T) -> _T:
         case str():
             return type(shown)(language(shown))
         case tuple():
-            return type(shown)(translated(language, each) for each in shown)
+            return type(shown)(translated(language, item) for item in shown)
         case dict():
-            return type(shown)((key, translated(language, each)) for key, each in shown.items())
+            return type(shown)((key, translated(language, item)) for key, item in shown.items())
     words: Fields = {
         name: translated(language, getattr(shown, name)) for name in _WORDS.get(type(shown), ())
     }

@@ -195,7 +195,7 @@ def _describe(document: Fields, folder: Path, sensor: dict[str, object]) -> Task
     from vibrident.show.use_figures import tracking as figure
 
     value, u, units = (
-        {name: each[key] for name, each in document["parameters"].items()}
+        {name: parameter[key] for name, parameter in document["parameters"].items()}
         for key in ("value", "standard_uncertainty", "unit")
     )
     title = f"Tracked sensor, {document['time_s']:.12g} s"

@@ -79,9 +79,9 @@ class TrackingFiles:
         session.samples = saved["samples"]
         session.samples_to_row = saved["left"]
         session.started = True
-        session.troubles.extend(Trouble(**each) for each in saved["troubles"])
-        session.alarms.extend(Alarm(**each) for each in saved["alarms"])
-        session.waiting_alarms.extend(Alarm(**each) for each in saved["held"])
+        session.troubles.extend(Trouble(**trouble) for trouble in saved["troubles"])
+        session.alarms.extend(Alarm(**alarm) for alarm in saved["alarms"])
+        session.waiting_alarms.extend(Alarm(**row) for row in saved["held"])
         session.cause = Cause(**saved["cause"])
         os.truncate(self._folder / "track.csv", saved["csv_bytes"])
         return int(saved["position"])

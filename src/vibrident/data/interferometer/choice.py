@@ -35,11 +35,11 @@ class EllipseChoice:
 
 def choose(surveys: Sequence[Survey], names: Sequence[str]) -> list[EllipseChoice]:
     """Choose an ellipse for each record of a set-up."""
-    steady = [i for i, each in enumerate(surveys) if each.covers_fringe and not each.knots]
-    with_fringe = [each for each in surveys if each.covers_fringe]
+    steady = [i for i, survey in enumerate(surveys) if survey.covers_fringe and not survey.knots]
+    with_fringe = [survey for survey in surveys if survey.covers_fringe]
     # On an arc, light that fades looks like an ellipse that moves: it is believed if larger motions
     # show it, too.
-    drifts = not with_fringe or max(each.change for each in with_fringe) > MAX_STABLE_CHANGE
+    drifts = not with_fringe or max(survey.change for survey in with_fringe) > MAX_STABLE_CHANGE
     common, scatter = _common_ellipse_shape([surveys[i].ellipse for i in steady])
     choices = []
     for index, (record_survey, name) in enumerate(zip(surveys, names, strict=True)):
@@ -146,7 +146,7 @@ def _borrowed_choice(
 
     What it changes by, or larger motions differ by, is in the covariance.
     """
-    lenders = steady or [i for i, each in enumerate(surveys) if each.covers_fringe]
+    lenders = steady or [i for i, survey in enumerate(surveys) if survey.covers_fringe]
     if not lenders:
         return _arc_choice(record_survey, index)
     source = min(lenders, key=lambda i: (abs(i - index), i))

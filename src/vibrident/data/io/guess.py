@@ -176,7 +176,9 @@ def _reference(names: Sequence[str], positions: Sequence[int]) -> tuple[int | No
     for pattern, quantity in _REFERENCES:
         position = _first(names, positions, pattern)
         if position is not None:
-            matches = (q for each, q in _REFERENCES if q and each.search(names[position]))
+            matches = (
+                q for name_pattern, q in _REFERENCES if q and name_pattern.search(names[position])
+            )
             return position, quantity or next(matches, None)
     return None, None
 

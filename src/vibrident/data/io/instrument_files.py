@@ -117,13 +117,15 @@ def _read_sacpz(text: str, path: Path) -> tuple[KnownResponse, str]:
 def _one_response(inventory: Any, channel: str | None, moment: Any, path: Path) -> Any:
     """Return the only response that the file has for a channel and a time."""
     responses = []
-    channels = [(net, station, each) for net in inventory for station in net for each in station]
-    for network, station, each in channels:
-        code = f"{network.code}.{station.code}.{each.location_code}.{each.code}"
-        is_asked_for = channel in (None, code, each.code) and each.is_active(moment)
-        if is_asked_for and each.response is not None:
-            epoch = "" if each.start_date is None else f" from {each.start_date.date}"
-            responses.append((f"{code}{epoch}", each.response))
+    channels = [
+        (net, station, candidate) for net in inventory for station in net for candidate in station
+    ]
+    for network, station, candidate in channels:
+        code = f"{network.code}.{station.code}.{candidate.location_code}.{candidate.code}"
+        is_asked_for = channel in (None, code, candidate.code) and candidate.is_active(moment)
+        if is_asked_for and candidate.response is not None:
+            epoch = "" if candidate.start_date is None else f" from {candidate.start_date.date}"
+            responses.append((f"{code}{epoch}", candidate.response))
     if len(responses) != 1:
         remedy = "name one by channel, and its epoch by time"
         names = ", ".join(name for name, _ in responses[:8]) or "none"

@@ -135,7 +135,7 @@ def _kind(marks: list[Any], section: bool, choices: bool) -> str:
     if several:
         return "entries" if section else "paragraphs"
     kinds = {float: "number", bool: "flag", str: "text", int: "whole"}
-    plain = next((kind for each, kind in kinds.items() if each in marks), "text")
+    plain = next((kind for key, kind in kinds.items() if key in marks), "text")
     return "section" if section else plain
 
 

@@ -255,7 +255,11 @@ def _span_in_file(request: RecordRequest, document: CalibrationFile, folder: Pat
     starts: set[StartTime | None] = set()
     for channel in channels:
         source = channel.source
-        positions = [each.position for each in channels if each.source is source]
+        positions = [
+            source_channel.position
+            for source_channel in channels
+            if source_channel.source is source
+        ]
         if not source.reads_parts(channel.position) or reader.has_time_column(
             source, channel.position, positions
         ):

@@ -20,7 +20,7 @@ def cyclic_errors(
     Quadrature signals share the error of their set-up. The phase of a carrier begins anew in each
     record, so that each heterodyne record has an error of its own.
     """
-    measured = [each.answer.cyclic for each in demodulated]
+    measured = [light.answer.cyclic for light in demodulated]
     if setting.kind == "quadrature":
         return [significant(measured)] * len(demodulated)
     return [significant([error]) for error in measured]

@@ -169,7 +169,11 @@ def _with_ellipses(
     opened = _loaded(opened)
     surveys = [_survey_of(raw) for raw in opened]
     if setting.kind == "heterodyne":
-        return opened, surveys, [carrier_choice(each, i) for i, each in enumerate(surveys)]
+        return (
+            opened,
+            surveys,
+            [carrier_choice(survey, i) for i, survey in enumerate(surveys)],
+        )
     filtered_signals = [
         None if survey.covers_fringe else at_needed_rate(raw.optical)
         for raw, survey in zip(opened, surveys, strict=True)

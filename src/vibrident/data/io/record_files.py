@@ -295,7 +295,11 @@ def _load_channels(
     reader = clock_reader(request, calibration, columns[0].source)
     clocks = []
     for column in columns:
-        channels = [each.position for each in columns if each.source is column.source]
+        channels = [
+            source_column.position
+            for source_column in columns
+            if source_column.source is column.source
+        ]
         clocks.append(reader.clock_of(column.source, column.position, channels))
     default_clock = next(filter(None, clocks), None)
     if default_clock is None:

@@ -163,7 +163,11 @@ def _require_complex(section: TableSection, source: ColumnFile) -> None:
     name = str(section.complex).strip("/ ")
     where = f"{source.file}, asked for by [table] complex"
     if f"{name}.real" not in source.names:
-        arrays = [each.removesuffix(".real") for each in source.names if each.endswith(".real")]
+        arrays = [
+            array_name.removesuffix(".real")
+            for array_name in source.names
+            if array_name.endswith(".real")
+        ]
         expected = "a complex array"
         remedy = "write its parts into two columns, and name them with real and imaginary"
         if arrays:

@@ -177,7 +177,7 @@ def _document(calibration: Calibration, files: list[str]) -> dict[str, Any]:
     else:
         rate_hz = float(records[0].sampling_rate_hz)
         document["sampling"] = {"rate_hz": rate_hz}
-        document["records"] = [_entry(*each, rate_hz) for each in zip(records, files, strict=True)]
+        document["records"] = [_entry(*pair, rate_hz) for pair in zip(records, files, strict=True)]
     document["uncertainty"] = [_effect(effect) for effect in calibration.effects]
     document["cmc"] = [
         {key: value for key, value in asdict(capability).items() if value not in (0.0, math.inf)}

@@ -110,7 +110,7 @@ class Calibration:
 
     def __reduce__(self) -> tuple[object, ...]:
         # Views of mappings cannot be pickled for another process.
-        values = {each.name: getattr(self, each.name) for each in fields(self)}
+        values = {attribute.name: getattr(self, attribute.name) for attribute in fields(self)}
         values |= {"sensor": dict(self.sensor), "certificate": dict(self.certificate)}
         return functools.partial(Calibration, **values), ()
 

@@ -74,18 +74,20 @@ class PredictedResponse:
         ]
         starts = {0, max(int(np.argmax(correlation)) - ORDER // 2, 0)}
         minima = [cls(reference, response, start)._downhill(correlation.size) for start in starts]
-        best = min(minima, key=lambda each: each.deviation)
+        best = min(minima, key=lambda prediction: prediction.deviation)
         scatter = MEDIAN_SCATTER / np.sqrt(max(np.count_nonzero(best._usual), 1))
         limit = best.deviation * (1.0 + MAX_NOISE_SIGMA * scatter)
         return tuple(
-            each
-            for each in (best, *best._neighbours(correlation.size), *minima)
-            if each.deviation <= limit
+            prediction
+            for prediction in (best, *best._neighbours(correlation.size), *minima)
+            if prediction.deviation <= limit
         )
 
     def _downhill(self, latest: int) -> PredictedResponse:
         """Return the prediction of a local optimum of the delay, below ``latest``."""
-        better = min(self._neighbours(latest), key=lambda each: each.deviation, default=self)
+        better = min(
+            self._neighbours(latest), key=lambda prediction: prediction.deviation, default=self
+        )
         return better._downhill(latest) if better.deviation < self.deviation else self
 
     def _neighbours(self, latest: int) -> list[PredictedResponse]:
@@ -158,8 +160,8 @@ class PredictedResponse:
     def errors(self) -> FloatArray:
         """Return the errors of the prediction, shape (samples,); zero for the first ORDER."""
         contributions = [
-            np.convolve(each, taps, "valid")
-            for each, taps in zip(self._series, self.taps, strict=True)
+            np.convolve(series, taps, "valid")
+            for series, taps in zip(self._series, self.taps, strict=True)
         ]
         return np.pad(contributions[0] + contributions[1], (ORDER, 0))
 

@@ -305,7 +305,10 @@ class _RecordScreening:
             return
         predictions = PredictedResponse.all_from_channels(**channels)
         breaks = breaks[
-            [all(each.breaks_off(int(index)) for each in predictions) for index in breaks]
+            [
+                all(prediction.breaks_off(int(index)) for prediction in predictions)
+                for index in breaks
+            ]
         ]
         if breaks.size == 0:
             return
@@ -397,7 +400,8 @@ def _find_wild_samples(
             for first, end in zip(*runs_of_true(wild[label]), strict=True):
                 run = slice(first, end)
                 is_shock = record.excitation == "shock" and any(
-                    _is_shock(channels, wild, label, run, each.delay) for each in predictions
+                    _is_shock(channels, wild, label, run, prediction.delay)
+                    for prediction in predictions
                 )
                 may_be_motion = is_motion[run].any() and not (
                     is_linear and _is_wild_in_both(run, other_channel)
@@ -439,7 +443,7 @@ def _is_denied(
     ends = (0, channel.valid.size)
     return any(
         (event.may_be_short_wild and event.first != ends[0] and event.end != ends[1])
-        or all(each.denies(label, event) for each in predictions)
+        or all(prediction.denies(label, event) for prediction in predictions)
         for event in channel.events
         if event.wild and run.start <= event.first < run.stop
     )

@@ -108,7 +108,7 @@ class ChannelEvent:
     def meets(self, event: ChannelEvent) -> bool:
         """Return whether another channel's event happens at the same time."""
         (low, high), (event_low, event_high) = (
-            sorted((each.first, each.end)) for each in (self, event)
+            sorted((channel_event.first, channel_event.end)) for channel_event in (self, event)
         )
         return low <= event_high + MAX_SAMPLES_APART and event_low <= high + MAX_SAMPLES_APART
 
@@ -438,7 +438,7 @@ def find_breaks(reference: PredictedChannel, response: PredictedChannel) -> NDAr
     candidates = []
     for event in reference.events:
         for answer in filter(event.meets, response.events):
-            strongest = max(event, answer, key=lambda each: each.strength)
+            strongest = max(event, answer, key=lambda candidate: candidate.strength)
             if (
                 strongest.strength > MIN_WILD_SIGMA
                 and not (event.may_be_wild and answer.may_be_wild)

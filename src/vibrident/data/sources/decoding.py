@@ -148,7 +148,7 @@ class _LineDecoder:
 
     def _begin(self, first: bytes) -> bool:
         """Set separator, positions and units by the first line; return whether it names columns."""
-        separator = next((each for each in SEPARATORS if each in first), b"")
+        separator = next((candidate for candidate in SEPARATORS if candidate in first), b"")
         self._separator = separator.decode() or r"\s+"
         cells = first.decode("utf-8", "replace").split(separator.decode() or None)
         fields = [cell.strip().strip('"') for cell in cells]

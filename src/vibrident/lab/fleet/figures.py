@@ -19,12 +19,12 @@ _LIMIT = Look(VERMILION, width=1.6)
 _NOMINAL = Look(BLACK, "dashed", 1.4)
 
 
-def distribution(each: Distribution) -> Figure:
+def distribution(spread: Distribution) -> Figure:
     """Return a histogram of a parameter, with its limits and its nominal value."""
-    scale = scaled(each.unit, max(abs(each.least), abs(each.greatest)))
-    name = parameter_name(each.parameter).words
+    scale = scaled(spread.unit, max(abs(spread.least), abs(spread.greatest)))
+    name = parameter_name(spread.parameter).words
     label = f"{name} in {scale.printed}" if scale.printed else name
-    return histogram(each.histogram, label, scale.factor, each.limit)
+    return histogram(spread.histogram, label, scale.factor, spread.limit)
 
 
 def over_time(seconds: FloatArray, label: str) -> Figure:

@@ -198,9 +198,9 @@ def _distributions(fleet: Statistics, specification: Specification) -> Iterator[
         yield _numbers(group, specification)
         for derived in (False, True):
             drawn = [
-                distribution(each)
-                for each in group.distributions
-                if is_derived(each.parameter) == derived
+                distribution(entry)
+                for entry in group.distributions
+                if is_derived(entry.parameter) == derived
             ]
             gallery = Gallery(tuple(drawn))
             if drawn:
@@ -217,15 +217,15 @@ def _numbers(group: FleetGroup, specification: Specification) -> Table:
     """
     title = " · ".join(word for word in (group.type or "type not stated", group.model) if word)
     notes = []
-    for each in group.distributions:
-        limit = specification.limit(group.type, each.parameter)
-        if limit is not None and each.limit is None:
-            name = parameter_name(each.parameter).words
+    for entry in group.distributions:
+        limit = specification.limit(group.type, entry.parameter)
+        if limit is not None and entry.limit is None:
+            name = parameter_name(entry.parameter).words
             notes.append(
-                f"The limit of the {name} is in {limit.unit}, the values are in {each.unit}: not "
+                f"The limit of the {name} is in {limit.unit}, the values are in {entry.unit}: not "
                 "judged."
             )
-    limited = any(each.limit for each in group.distributions)
+    limited = any(entry.limit for entry in group.distributions)
     heads = (
         "n",
         "median",
@@ -237,33 +237,33 @@ def _numbers(group: FleetGroup, specification: Specification) -> Table:
     )
     return Table(
         (*columns("parameter", "unit"), *columns(*heads, kind="number")),
-        tuple(_row(each)[: 2 + len(heads)] for each in group.distributions),
+        tuple(_row(entry)[: 2 + len(heads)] for entry in group.distributions),
         notes=tuple(notes),
         title=f"{title}: {group.count}",
     )
 
 
-def _row(each: Distribution) -> tuple[str, ...]:
-    scale = scaled(each.unit, max(abs(each.least), abs(each.greatest)))
-    limit = each.limit
+def _row(entry: Distribution) -> tuple[str, ...]:
+    scale = scaled(entry.unit, max(abs(entry.least), abs(entry.greatest)))
+    limit = entry.limit
     verdict = (NONE,) * len(_LIMIT_COLUMNS)
     if limit is not None:
         span = f"{limit.lower * scale.factor:.5g} … {limit.upper * scale.factor:.5g}"
-        capability = NONE if each.capability is None else f"{each.capability:.2f}"
+        capability = NONE if entry.capability is None else f"{entry.capability:.2f}"
         verdict = (
             span,
-            str(each.count - each.conforming),
-            str(each.count - each.certain),
+            str(entry.count - entry.conforming),
+            str(entry.count - entry.certain),
             capability,
         )
     return (
-        parameter_name(each.parameter).words,
+        parameter_name(entry.parameter).words,
         scale.printed,
-        str(each.count),
-        f"{each.median * scale.factor:.5g}",
-        f"{each.sd * scale.factor:.3g}" if each.count > 1 else NONE,
-        *(f"{value * scale.factor:.5g}" for value in (each.least, each.greatest)),
-        NONE if each.median_u is None else f"{each.median_u * scale.factor:.2g}",
+        str(entry.count),
+        f"{entry.median * scale.factor:.5g}",
+        f"{entry.sd * scale.factor:.3g}" if entry.count > 1 else NONE,
+        *(f"{value * scale.factor:.5g}" for value in (entry.least, entry.greatest)),
+        NONE if entry.median_u is None else f"{entry.median_u * scale.factor:.2g}",
         *verdict,
     )
 

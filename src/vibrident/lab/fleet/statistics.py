@@ -353,7 +353,7 @@ def _yields(
         Yield(types.name(int(number)), *row)
         for number, row in zip(numbers, counts.T.tolist(), strict=True)
     ]
-    return sorted(yields, key=lambda each: -each.calibrations)
+    return sorted(yields, key=lambda group: -group.calibrations)
 
 
 @dataclass(frozen=True, eq=False)
@@ -394,7 +394,7 @@ class _Columns:
     def is_text(self, name: str, text: str) -> BoolArray:
         """Return the rows with this text in a column."""
         codes = self.codes(name)
-        is_text = np.array([*(each == text for each in codes.texts), False])
+        is_text = np.array([*(known_text == text for known_text in codes.texts), False])
         return is_text[codes.numbers]  # −1 takes the last
 
     def codes(self, name: str) -> _Codes:

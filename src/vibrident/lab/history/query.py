@@ -113,7 +113,7 @@ def find(
     if sensors:
         raise InputError(
             f"{len(sensors)} sensors have this serial number.",
-            expected="one of " + "; ".join(each.name for each in sensors),
+            expected="one of " + "; ".join(candidate.name for candidate in sensors),
             found=serial_number,
             where=store.printed,
             remedy="give ⟦history.type_name⟧, ⟦history.axis⟧ or ⟦history.manufacturer⟧ as well",

@@ -219,7 +219,7 @@ class Store:
         except exc.DBAPIError as error:
             text = str(error.orig).lower()
             problem, remedy = next(
-                advice for texts, *advice in _CAUSES if any(each in text for each in texts)
+                advice for texts, *advice in _CAUSES if any(symptom in text for symptom in texts)
             )
             raise self._failed(problem, error.orig, remedy) from None
 

@@ -76,7 +76,7 @@ def hand_in(store: Store, result: Result, issue: Issue, *, by: str | None = None
             a document of it cannot be made.
     """
     check_complete(result)
-    certificate = {key: each for key, each in result.certificate.items() if key not in DRAWN}
+    certificate = {key: value for key, value in result.certificate.items() if key not in DRAWN}
     template = None if issue.template is None else issue.template.read_bytes()
     draft_content = DraftContent(
         replace(result, certificate=certificate), replace(issue, template=None), template

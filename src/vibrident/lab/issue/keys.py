@@ -97,7 +97,9 @@ def holder(certificate: Any) -> str:
     oid = library("cryptography.x509.oid").NameOID
     kinds = (oid.COMMON_NAME, oid.ORGANIZATION_NAME)
     names = [
-        each.value for kind in kinds for each in certificate.subject.get_attributes_for_oid(kind)
+        attribute.value
+        for kind in kinds
+        for attribute in certificate.subject.get_attributes_for_oid(kind)
     ]
     return ", ".join(dict.fromkeys(map(str, names))) or certificate.subject.rfc4514_string()
 

@@ -84,8 +84,12 @@ def _signer(key: SigningKey) -> Any:
     asn1 = library("pyhanko.keys.pemder")
     der = encoding.Encoding.DER
     form = encoding.PrivateFormat.PKCS8, encoding.NoEncryption()
-    stored = (each.public_bytes(der) for each in (key.certificate, *key.chain))
-    certificate, *chain = (next(iter(asn1.load_certs_from_pemder_data(each))) for each in stored)
+    stored = (
+        stored_certificate.public_bytes(der) for stored_certificate in (key.certificate, *key.chain)
+    )
+    certificate, *chain = (
+        next(iter(asn1.load_certs_from_pemder_data(encoded))) for encoded in stored
+    )
     private = asn1.load_private_key_from_pemder_data(key.private.private_bytes(der, *form), None)
     registry = library("pyhanko_certvalidator.registry").SimpleCertificateStore()
     registry.register_multiple(chain)

@@ -22,13 +22,13 @@ _HEADS = (
 
 def listed(drafts: Sequence[Draft]) -> Table:
     """Return a row for each draft: who made it, its review, and its certificate."""
-    replaced = {each.replaces: each.number for each in drafts if each.number and each.replaces}
+    replaced = {draft.replaces: draft.number for draft in drafts if draft.number and draft.replaces}
     rows = []
-    for each in drafts:
-        later = replaced.get(each.number) if each.number else None
-        state = f"replaced by {later}" if later else each.state
-        date = "" if each.date is None else str(each.date)
-        handed_in = each.recorded[:10]
-        row = (str(each.id), each.sensor, handed_in, each.author, state)
-        rows.append((*row, each.reviewer, each.note, each.number, date))
+    for draft in drafts:
+        later = replaced.get(draft.number) if draft.number else None
+        state = f"replaced by {later}" if later else draft.state
+        date = "" if draft.date is None else str(draft.date)
+        handed_in = draft.recorded[:10]
+        row = (str(draft.id), draft.sensor, handed_in, draft.author, state)
+        rows.append((*row, draft.reviewer, draft.note, draft.number, date))
     return Table(tuple(Column(head) for head in _HEADS), tuple(rows)).telling()

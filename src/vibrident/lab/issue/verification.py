@@ -99,19 +99,19 @@ def _verified_pdf(content: bytes, file: Path) -> _Signature:
     with _refuse_unreadable(file), _silence_library():
         checked = [
             without_loop(
-                lambda each=each: validation.validate_pdf_signature(
-                    each, _no_trust(each.signer_cert)
+                lambda signature=signature: validation.validate_pdf_signature(
+                    signature, _no_trust(signature.signer_cert)
                 )
             )
-            for each in signatures
+            for signature in signatures
         ]
-    for each in checked:
-        if not (each.intact and each.valid):
+    for signature_status in checked:
+        if not (signature_status.intact and signature_status.valid):
             raise _invalid(file, "a file that was changed after signing")
     newest = checked[-1]
     if newest.coverage != status.SignatureCoverageLevel.ENTIRE_FILE or not newest.docmdp_ok:
         raise _invalid(file, "additions after signing")
-    chain = [_x509(each.dump()) for each in signatures[-1].other_embedded_certs]
+    chain = [_x509(certificate.dump()) for certificate in signatures[-1].other_embedded_certs]
     return _Signature(_x509(newest.signing_cert.dump()), chain, newest.signer_reported_dt)
 
 
@@ -147,7 +147,7 @@ def _verified_xml(content: bytes, file: Path) -> _Signature:
         ) from error
     results = results if isinstance(results, list) else [results]
     signatures[0].getparent().remove(signatures[0])
-    signed_nodes = [each.signed_xml for each in results if each.signed_xml is not None]
+    signed_nodes = [result.signed_xml for result in results if result.signed_xml is not None]
     if etree.tostring(root, method="c14n") not in [
         etree.tostring(signed_node, method="c14n") for signed_node in signed_nodes
     ]:
@@ -171,9 +171,11 @@ def _verified_detached(content: bytes, file: Path) -> _Signature:
     validation = library("pyhanko.sign.validation")
     with _refuse_unreadable(signature_file):
         signed = cms.ContentInfo.load(_read(signature_file))["content"]
-        embedded = [_x509(each.chosen.dump()) for each in signed["certificates"]]
+        embedded = [_x509(certificate.chosen.dump()) for certificate in signed["certificates"]]
         serial = signed["signer_infos"][0]["sid"].chosen["serial_number"].native
-        signer = next(each for each in embedded if each.serial_number == serial)
+        signer = next(
+            certificate for certificate in embedded if certificate.serial_number == serial
+        )
 
     def check() -> Any:
         trust = _no_trust(_asn1(signer))
@@ -183,7 +185,7 @@ def _verified_detached(content: bytes, file: Path) -> _Signature:
         status = without_loop(check)
     if not (status.intact and status.valid):
         raise _invalid(file, "a file that was changed after signing")
-    chain = [each for each in embedded if each is not signer]
+    chain = [certificate for certificate in embedded if certificate is not signer]
     return _Signature(signer, chain, status.signer_reported_dt)
 
 
@@ -210,7 +212,12 @@ def _is_trusted(certificate: Any, chain: Sequence[Any], anchors: Sequence[Any]) 
     while certificate not in anchors:
         visited.append(certificate)
         issuer = next(
-            (each for each in issuers if each not in visited and _issued(each, certificate)), None
+            (
+                candidate
+                for candidate in issuers
+                if candidate not in visited and _issued(candidate, certificate)
+            ),
+            None,
         )
         if issuer is None:
             return False
@@ -272,14 +279,14 @@ def _no_trust(certificate: Any) -> Any:
 def _silence_library() -> Iterator[None]:
     """Keep what the library says of trust out of the terminal."""
     loggers = [logging.getLogger(name) for name in ("pyhanko", "pyhanko_certvalidator")]
-    before = [each.level for each in loggers]
-    for each in loggers:
-        each.setLevel(logging.CRITICAL + 1)
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
     try:
         yield
     finally:
-        for each, level in zip(loggers, before, strict=True):
-            each.setLevel(level)
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
 
 
 @contextlib.contextmanager

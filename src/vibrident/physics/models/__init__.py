@@ -145,7 +145,7 @@ def _add_on(addon_name: str, core: Model, model_name: str) -> AddOn:
     except ValueError:
         value = None
     if value is None or addon.with_number is None:
-        with_number = [each.name for each in ADD_ONS.values() if each.with_number is not None]
+        with_number = [add_on.name for add_on in ADD_ONS.values() if add_on.with_number is not None]
         raise ModelError(
             f"The add-on {kind!r} cannot be read.",
             expected=f"a number behind the colon, of {' or '.join(with_number)} alone",
@@ -172,7 +172,9 @@ def _require_reference(model: SensorModel, calibration: Calibration) -> None:
     observation = f"{model.name!r} with quantity = {calibration.quantity!r}"
     if calibration.quantity == "force":
         if core.behind == "motion" or any(addon.before_sensor for addon in model.add_ons):
-            fitting = [each.name for each in CORES.values() if each.behind != "motion"]
+            fitting = [
+                candidate.name for candidate in CORES.values() if candidate.behind != "motion"
+            ]
             raise ModelError(
                 "The model needs a motion as its reference.",
                 expected=f"{' | '.join(fitting)}, without a mounting",

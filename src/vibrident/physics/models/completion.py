@@ -44,13 +44,19 @@ def require_signature(name: str, response: Any, parameters: Any) -> None:
         expected = "response = a function of s and the parameters"
         raise _refusal(name, "is no function", expected, repr(response))
     is_list = isinstance(parameters, Sequence) and not isinstance(parameters, str | bytes)
-    kinds = [type(each) for each in parameters] if is_list else [type(parameters)]
+    kinds = [type(parameter) for parameter in parameters] if is_list else [type(parameters)]
     if not kinds or not all(issubclass(kind, ParameterSpec) for kind in kinds) or not is_list:
         expected = "parameters = a list of one ParameterSpec a parameter"
         observation = ", ".join(kind.__name__ for kind in kinds) or "an empty list"
         raise _refusal(name, "has no list of parameters", expected, observation)
     names = [spec.name for spec in cast(Sequence[ParameterSpec], parameters)]
-    repeated = sorted({each for each in names if names.count(each) > 1 or each == "s"})
+    repeated = sorted(
+        {
+            parameter_name
+            for parameter_name in names
+            if names.count(parameter_name) > 1 or parameter_name == "s"
+        }
+    )
     if repeated:
         expected = "names of their own, and not s"
         raise _refusal(name, "has a name twice", expected, ", ".join(repeated))

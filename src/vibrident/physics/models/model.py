@@ -196,7 +196,10 @@ class Model:
 
 def _floats(coefficients: Coefficients) -> Coefficients:
     """Return coefficients with the whole numbers of a formula as floats."""
-    return tuple(float(each) if isinstance(each, int) else each for each in coefficients)
+    return tuple(
+        float(coefficient) if isinstance(coefficient, int) else coefficient
+        for coefficient in coefficients
+    )
 
 
 def _scale(denominator: Coefficients) -> Any:

@@ -78,8 +78,8 @@ def _step_parameters(
     point = point.reshape(len(names), *(point.shape[1:] or (1,)))
     steps = STEP * (np.abs(point) + (point == 0.0))
     moved = np.repeat(point[:, None].astype(complex), len(names), axis=1)
-    each = np.arange(len(names))
-    moved[each, each] += 1j * steps
+    diagonal = np.arange(len(names))
+    moved[diagonal, diagonal] += 1j * steps
     return dict(zip(names, moved, strict=True)), 1.0 / steps
 
 

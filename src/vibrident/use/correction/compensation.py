@@ -133,7 +133,7 @@ class Compensation:
         if self.band.low_hz == 0.0:
             return self
         both = self, replace(self, mirrored=True)
-        return min(both, key=lambda each: float(np.sum(each.end_deviation(values) ** 2)))
+        return min(both, key=lambda stretch: float(np.sum(stretch.end_deviation(values) ** 2)))
 
     def spectrum(self, values: FloatArray) -> ComplexArray:
         """Return the transform of the record, integrated and continued, shape (lines,).

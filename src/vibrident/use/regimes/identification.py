@@ -133,7 +133,7 @@ class _Regimes:
     @property
     def explain_the_record(self) -> bool:
         """Return whether the model explains each of them."""
-        return all(each.adequate for each in self.fits)
+        return all(fit.adequate for fit in self.fits)
 
 
 def _period(regime: PieceEstimate, rate_hz: float) -> int:
@@ -221,8 +221,8 @@ def _describe_regimes(
     spans = []
     for regime in regimes:
         values = ", ".join(
-            f"{in_words(name)} {amount(each['value'], units[name], DIGITS)}"
-            for name, each in regime["parameters"].items()
+            f"{in_words(name)} {amount(parameter['value'], units[name], DIGITS)}"
+            for name, parameter in regime["parameters"].items()
             if name not in common
         )
         spans.append(f"{plain(regime['from_s'], 5)} to {plain(regime['to_s'], 5)} s: {values}")

@@ -65,7 +65,7 @@ def _agreeing_parameters(values: FloatArray, covariances: FloatArray) -> BoolArr
     safe = np.maximum(variances, np.finfo(float).tiny)
     mean = np.sum(values / safe, axis=0) / np.sum(1.0 / safe, axis=0)
     squares = np.sum((values - mean) ** 2 / safe, axis=0)
-    chances = [chi2_tail(len(values) - 1.0, float(each)) for each in squares]
+    chances = [chi2_tail(len(values) - 1.0, float(square)) for square in squares]
     return np.asarray(np.array(chances) > FALSE_DIFFERENCE)
 
 

@@ -169,10 +169,10 @@ def _identify_stretches(
         number: StretchFit.from_fit(stretches[number], fitted)
     }
     fits: list[StretchOutcome] = []
-    for each in _fits(records, stretches, fitted_before, order, store, sharing.scheduler):
-        fits.append(each)
+    for outcome in _fits(records, stretches, fitted_before, order, store, sharing.scheduler):
+        fits.append(outcome)
         _report_fitted(choices.progress, len(fits), len(stretches))
-    refused = [each for each in fits if isinstance(each, RefusedStretch)]
+    refused = [outcome for outcome in fits if isinstance(outcome, RefusedStretch)]
     if len(fits) - len(refused) < MIN_USED * len(fits):
         raise _unusable_error(refused, len(fits))
     return pooled_result(fitted, fits, choices.uncertainty)

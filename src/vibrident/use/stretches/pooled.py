@@ -108,7 +108,7 @@ def pooled_result(
         outcomes: of all stretches, in order.
         uncertainty: what the uncertainties cover.
     """
-    used = [each for each in outcomes if isinstance(each, StretchFit)]
+    used = [outcome for outcome in outcomes if isinstance(outcome, StretchFit)]
     pooled = PooledEstimate.from_stretches(*_estimates(first, used))
     widened = 1.0 if pooled.is_one_sensor or uncertainty == "noise" else pooled.birge
     estimate = replace(
@@ -130,7 +130,7 @@ def pooled_result(
     warnings = [*result.warnings, *_warnings(used, {finding.code for finding in findings})]
     if not pooled.is_one_sensor:
         warnings.append(_change_warning(fitted, used, pooled, widened))
-    refused = [each for each in outcomes if isinstance(each, RefusedStretch)]
+    refused = [outcome for outcome in outcomes if isinstance(outcome, RefusedStretch)]
     if refused:
         warnings.append(_refusal_warning(refused, len(outcomes)))
     settings = {**result.settings, "stretches": _settings(fitted, used, pooled, len(outcomes))}

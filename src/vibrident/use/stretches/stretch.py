@@ -109,7 +109,10 @@ class StretchFit:
         shares = fitted.judgement.shares
         report = report_departures(fitted, estimate.covariance)
         reports = (*fitted.reports, report)
-        data = [ResultWarning(each.code, each.message) for each in fitted.evidence.findings]
+        data = [
+            ResultWarning(screening_finding.code, screening_finding.message)
+            for screening_finding in fitted.evidence.findings
+        ]
         return cls(
             stretch,
             records=tuple(record.name for record in records),
@@ -118,14 +121,19 @@ class StretchFit:
             values=np.array(list(fitted.values.values())),
             covariance=estimate.covariance * np.outer(slopes, slopes),
             degrees_of_freedom=float(estimate.degrees_of_freedom),
-            frequency_hz=_joined([each.frequency_hz for each in points]),
-            measured=_joined([each.measured for each in points]),
-            relative_deviation=_joined([each.relative_deviation for each in points]),
-            freedom=_joined([each.freedom for each in points]),
+            frequency_hz=_joined([point.frequency_hz for point in points]),
+            measured=_joined([point.measured for point in points]),
+            relative_deviation=_joined([point.relative_deviation for point in points]),
+            freedom=_joined([point.freedom for point in points]),
             sums=sums_of_signals(fitted),
             shares=np.array([shares.explained, shares.coherent, shares.freedom]),
-            findings=tuple(finding for each in reports for finding in each.findings),
-            warnings=(*data, *(warning for each in reports for warning in each.warnings)),
+            findings=tuple(
+                finding for departure_report in reports for finding in departure_report.findings
+            ),
+            warnings=(
+                *data,
+                *(warning for departure_report in reports for warning in departure_report.warnings),
+            ),
             files=tuple(
                 (record.provenance.file, record.provenance.sha256, record.provenance.history)
                 for record in records

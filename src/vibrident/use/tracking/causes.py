@@ -83,7 +83,12 @@ def find_cause(
         )
         result = identify(data, model.name)
         finding = next(
-            (each for each in result.findings if each.code not in UNSPECIFIC_FINDINGS), None
+            (
+                candidate
+                for candidate in result.findings
+                if candidate.code not in UNSPECIFIC_FINDINGS
+            ),
+            None,
         )
         if better_model := result.settings.get("explained_by"):
             extended = parse(better_model)
@@ -111,7 +116,11 @@ def find_cause(
 
 
 def _values(result: Result) -> dict[str, float]:
-    return {name: each.value for name, each in result.parameters.items() if not each.derived}
+    return {
+        name: parameter.value
+        for name, parameter in result.parameters.items()
+        if not parameter.derived
+    }
 
 
 def _first_value(add_on: AddOn, values: NamedNumbers) -> str:

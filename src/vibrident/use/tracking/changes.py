@@ -184,7 +184,9 @@ class Changes:
             int(level): self._test_segment(int(level))
             for level in np.flatnonzero(s.ladder.meta[:, 0] > 0.0)
         }
-        level = max(tests, key=lambda each: tests[each][0].statistic if certain else tests[each][2])
+        level = max(
+            tests, key=lambda place: tests[place][0].statistic if certain else tests[place][2]
+        )
         blocks, _, _, variance, behind, spread, start = s.ladder.meta[level]
         if s.pending[0] != CHANGE_DETECTED:
             s.pending[1:7] = start, self.knowledge.time_s, variance, behind, spread, blocks

@@ -204,7 +204,8 @@ def changed_coordinates(
     u = np.sqrt(np.linalg.inv(inverse[np.ix_(indices, indices)]).diagonal())
     changed = solve_changes(table, indices)
     return [
-        (index, float(changed[index]), float(each)) for index, each in zip(indices, u, strict=True)
+        (index, float(changed[index]), float(uncertainty))
+        for index, uncertainty in zip(indices, u, strict=True)
     ]
 
 

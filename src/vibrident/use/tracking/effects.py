@@ -49,7 +49,7 @@ class CarriedEffects:
             reference: relative standard uncertainty of the session's own reference, at the gain;
                 where it is stated it takes the place of that of the calibration's.
         """
-        names = [name for name, each in result.parameters.items() if not each.derived]
+        names = [name for name, parameter in result.parameters.items() if not parameter.derived]
         own_reference = bool(reference.any())
         rows = tuple(
             row

@@ -73,7 +73,12 @@ def known_effects(
     scale = np.linalg.norm(design, axis=0)
     scale = np.where(scale > 0.0, scale, 1.0)
     moves = np.linalg.lstsq(design / scale, np.concatenate(changes), rcond=None)[0]
-    rows = [budget_row(each.source, each.kind, each.standard_uncertainty) for each in effects]
+    rows = [
+        budget_row(
+            systematic_effect.source, systematic_effect.kind, systematic_effect.standard_uncertainty
+        )
+        for systematic_effect in effects
+    ]
     return rows, (moves / scale[:, None]).T
 
 

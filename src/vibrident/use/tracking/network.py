@@ -164,7 +164,7 @@ class SensorNetwork:
         """
         needed = reference[: steps + self.taps - 1]
         return np.array(
-            [np.correlate(needed, each, "valid") for each in self.filters], dtype=float
+            [np.correlate(needed, taps, "valid") for taps in self.filters], dtype=float
         ).T
 
 

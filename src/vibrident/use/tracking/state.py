@@ -171,9 +171,9 @@ class State:
     def views(self) -> list[FloatArray]:
         """Return views of all numbers but waiting samples, in the order in which they are saved."""
         views = [
-            getattr(self, each.name)
-            for each in fields(self)
-            if each.name not in ("ladder", *WAITING_CHANNELS)
+            getattr(self, attribute.name)
+            for attribute in fields(self)
+            if attribute.name not in ("ladder", *WAITING_CHANNELS)
         ]
         views[9:9] = self.ladder.root, self.ladder.gram, self.ladder.meta
         return views
@@ -186,7 +186,7 @@ class State:
         """
         waiting = [getattr(self, name) for name in WAITING_CHANNELS]
         numbers = [np.ravel(view) for view in (*self.views, *waiting)]
-        counts = sum(view.size for view in self.views), *(len(each) for each in waiting)
+        counts = sum(view.size for view in self.views), *(len(value) for value in waiting)
         body = (
             struct.pack("<4sIII", FORMAT_TAG, *counts)
             + np.concatenate(numbers).astype("<f8").tobytes()

@@ -129,7 +129,10 @@ class LiveTable(ProgressReporter):
         from vibrident.show.rows import table_of
 
         rows = parameter_rows(row.values, row.uncertainty, units)
-        rows = [{**each, "excited": each["parameter"] in row.excited} for each in rows]
+        rows = [
+            {**parameter_row, "excited": parameter_row["parameter"] in row.excited}
+            for parameter_row in rows
+        ]
         self._live.update(on_console(table_of(rows, f"Tracked, {row.time_s:.6g} s")))
 
 

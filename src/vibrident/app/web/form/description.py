@@ -196,13 +196,15 @@ def _document(description: Description, files: Sequence[str]) -> Iterator[tuple[
         elif section == "records":
             shared = _filled(description, section)
             pairs = description.pairs(files)
-            each = {file: {"file": file, "reference_file": o, **shared} for file, o in pairs}
+            entries_by_file = {
+                file: {"file": file, "reference_file": o, **shared} for file, o in pairs
+            }
             for entry in description.different:
                 if "file" not in entry:
                     expected = "the file of a record that differs"
                     raise _form_error("“File” is empty.", expected, "nothing", "choose one")
-                each.get(entry["file"], {}).update(entry)
-            yield section, [*each.values()]
+                entries_by_file.get(entry["file"], {}).update(entry)
+            yield section, [*entries_by_file.values()]
         elif heading.kind == "entries":
             entries = description.get(section) or []
             for number, entry in enumerate(entries, start=1):

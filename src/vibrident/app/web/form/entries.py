@@ -243,7 +243,7 @@ def _show_unit(element: Any, unit: str) -> None:
     """Show the unit behind what is filled in; of bands, behind the value of each."""
     if isinstance(element, BandEntries):
         element.unit = unit
-    for each in (
+    for value in (
         [row["value"] for row in element.rows] if isinstance(element, BandEntries) else [element]
     ):
-        each.props["suffix"] = unit
+        value.props["suffix"] = unit

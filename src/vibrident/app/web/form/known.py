@@ -145,7 +145,7 @@ class KnownResponses:
         """Return the files to choose from, with their labels: uploaded ones, then results."""
         session = self.user.session
         names = [*session.known_files, *session.files]
-        results = {_result_file(each.path): each.name for each in self.user.results}
+        results = {_result_file(result.path): result.name for result in self.user.results}
         return {None: translate("none"), **{name: name for name in names}, **results}
 
     def _take_rows(self, path: str, rows: RowEntries) -> None:
