@@ -38,7 +38,6 @@ from vibrident.fit.start.motion_and_noise import (
     estimate_motion_and_noise,
     loud_bins,
 )
-from vibrident.fit.start.start import find_start
 from vibrident.physics.discretisation import Method
 from vibrident.physics.models import SensorModel
 
@@ -252,20 +251,9 @@ class _Survey:
         return self.band.at_delay_of(values).at_ringing_of(values), coordinates
 
     def starts(self, evidence: Evidence) -> Iterator[dict[str, float]]:
-        """Yield start values, the likeliest first: those known, and the places of the grid.
-
-        The nonparametric response comes first where the model states start values, as the grid is
-        coarse then; else after the first place.
-        """
+        """Yield start values, the likeliest first: those known, and the places of the grid."""
         if evidence.start is not None:
             yield dict(evidence.start)
-        elif any(spec.start is not None for spec in evidence.model.parameters):
-            yield from _in_response(evidence)
-        elif not evidence.model.shares:
-            yield self.places[0]
-            yield from _in_response(evidence)
-            yield from self.places[1:]
-            return
         yield from self.places
 
 
@@ -445,18 +433,6 @@ def _neutral_values(evidence: Evidence) -> dict[str, float]:
         typical = {"log": 0.5 * rate_hz, "positive": 1.0, "gain": 1.0, "duration": 1.0 / rate_hz}
         values[spec.name] = typical.get(spec.kind or "", 0.0) if spec.start is None else spec.start
     return values
-
-
-def _in_response(evidence: Evidence) -> list[dict[str, float]]:
-    """Return the values that fit the nonparametric response best; empty where there are none.
-
-    Its grid is coarse, and a descent in the logarithm of the magnitude has hardly any dead ends.
-    """
-    try:
-        problem = evidence.first_look
-        return [] if problem is None else [find_start(problem, evidence.model).values]
-    except (NotConverged, np.linalg.LinAlgError):
-        return []
 
 
 def _with_delay(
