@@ -27,8 +27,6 @@ from vibrident.physics.models import SensorModel
 MIN_FREQUENCY_RATIO = 1.8
 #: … and so are values of other parameters that differ by less than this one.
 MIN_RATIO = 2.5
-#: Rounds in which gain and weights of a place follow from each other.
-GAIN_ROUNDS = 1
 #: Directions in which shares hold less than this fraction of the best add nothing.
 MIN_SHARE_POWER = 1e-10
 

@@ -35,7 +35,6 @@ from vibrident.data.io.units import without_brackets
 from vibrident.data.records import FloatArray
 
 _CHUNK_BYTES = 1 << 20  # counting needs ten times as much memory
-_NEWLINE = ord("\n")
 
 
 def row_lines(text: PlainText, file: str, layout: CsvLayout) -> IntArray:
