@@ -1,1 +1,1 @@
-"""Start values of a fit: a grid at the exact bins of records, a search in a response for the rest."""
+"""Start values of a fit: a grid at the exact bins of records, or a search in a response."""
