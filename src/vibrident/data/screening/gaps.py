@@ -68,10 +68,12 @@ def find_lost_samples(
     jumps = candidate & _bounded_by_jump(values, begins, ends)
     rare = candidate & ~jumps & (values.size * returning ** (lengths - 1.0) < MAX_FALSE_FINDINGS)
     step = smallest_step(values) if rare.any() else 0.0
+    other_step = smallest_step(other_channel.values) if other_channel and rare.any() else 0.0
     for index in np.flatnonzero(rare):
         run = int(begins[index]), int(ends[index])
         chance = _chance_of_equal(values, *run, step)
-        unlikely = values.size * chance ** _surprises(other_channel, *run) < MAX_FALSE_FINDINGS
+        surprises = _surprises(other_channel, *run, other_step)
+        unlikely = values.size * chance**surprises < MAX_FALSE_FINDINGS
         rare[index] = unlikely and not _rests_beside(values, *run, step)
     candidate = jumps | rare
     for first, last in zip(begins[candidate], ends[candidate], strict=True):
@@ -94,14 +96,14 @@ def _chance_of_equal(values: FloatArray, first: int, last: int, step: float) -> 
     return min(1.0, step / usual) if usual > 0.0 else 1.0
 
 
-def _surprises(other_channel: ChannelSamples | None, first: int, last: int) -> int:
+def _surprises(
+    other_channel: ChannelSamples | None, first: int, last: int, other_step: float
+) -> int:
     """Return the count of samples in a run that equal the one before, though motion goes on.
 
     Before the other channel begins to move, and after it has come to rest, they are no surprise.
     """
-    if other_channel is None or not _rests_beside(
-        other_channel.values, first, last, smallest_step(other_channel.values)
-    ):
+    if other_channel is None or not _rests_beside(other_channel.values, first, last, other_step):
         return last - first
     changes = np.abs(np.diff(other_channel.values[first : last + 1]))
     return int(np.count_nonzero(changes > RELATIVE_EQUALITY * other_channel.span))

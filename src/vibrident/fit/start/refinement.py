@@ -132,11 +132,10 @@ class CoarseDescent:
         return Coordinates.at(self.band.model, {**values, **delays}, self.band_hz)
 
     def _delayed(self, candidate: StartCandidate) -> list[CoarseRows]:
-        """Return the rows with the inputs delayed by what a candidate's delay exceeds theirs.
+        """Return the rows with their inputs at a candidate's delay, in the noise of both channels.
 
-        Or with the response advanced as much: either shift is circular, and leaks what jumps
-        between the ends of its channel, so the one that leaves less is right. The rows are weighted
-        in the noise of both channels at the candidate.
+        The inputs are delayed, or the response is advanced as much. Either shift is circular, and
+        leaks what jumps between the ends of its channel, so the one that leaves less is taken.
         """
         rows = list(self.rows)
         for place, of_rate in enumerate(rows):

@@ -61,7 +61,7 @@ class Learner:
         learned = information.absorb(s.root, rows)
         lags = s.block[3:].copy(), float(s.block[1])
         if not s.clock[ClockItem.POINT_IS_SETTLED]:
-            if self._settles_point(learned, is_new_run=is_new_run):
+            if self._settle_point(learned, is_new_run=is_new_run):
                 self._learn_whitening(*lags)
                 s.lags[:] = 0.0
             self._clear_block()
@@ -104,7 +104,7 @@ class Learner:
         return _Block(gram, upper, squares, freedom, float(variance), noise_is_known)
 
     def _begin_states(self, block: _Block) -> bool:
-        """Return whether a run begins in a block; its states are next to unknown then."""
+        """Make the states of a new run next to unknown; return whether one begins in a block."""
         s = self.knowledge.state
         if not s.clock[ClockItem.STATES_ARE_UNKNOWN]:
             return False
@@ -116,8 +116,8 @@ class Learner:
         s.clock[ClockItem.STATES_ARE_UNKNOWN] = 0.0
         return True
 
-    def _settles_point(self, learned: FloatArray, *, is_new_run: bool) -> bool:
-        """Return whether a part of the first block settles the point of linearisation."""
+    def _settle_point(self, learned: FloatArray, *, is_new_run: bool) -> bool:
+        """Settle the point of linearisation if a part of the first block does; return whether."""
         s = self.knowledge.state
         if s.pending[0] != CHANGE_BEING_LEARNED:
             if not s.clock[ClockItem.PARTS_AT_POINT]:

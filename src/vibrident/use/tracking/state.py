@@ -186,7 +186,7 @@ class State:
         """
         waiting = [getattr(self, name) for name in WAITING_CHANNELS]
         numbers = [np.ravel(view) for view in (*self.views, *waiting)]
-        counts = sum(view.size for view in self.views), *(len(value) for value in waiting)
+        counts = sum(view.size for view in self.views), *(len(channel) for channel in waiting)
         body = (
             struct.pack("<4sIII", FORMAT_TAG, *counts)
             + np.concatenate(numbers).astype("<f8").tobytes()
