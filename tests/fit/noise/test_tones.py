@@ -10,11 +10,11 @@ from bench.adversary.judge import judged
 from vibrident.fit.noise.tones import (
     MAX_TONES,
     RecordTones,
-    common_tones,
     located,
     tone_excess,
+    tones_alike,
+    with_shared_tones,
     with_tones,
-    with_weak_harmonics,
 )
 
 
@@ -36,10 +36,45 @@ def test_there_are_no_more_than_are_looked_for():
     assert with_tones(many[:1], many[1:]) == many[:MAX_TONES]
 
 
+def beside_white_noise(places, bin_hz=1.0, excess=None):
+    """A record with these tones, which shows no others."""
+    return RecordTones(places, (), np.zeros(BINS) if excess is None else excess, bin_hz, BINS)
+
+
 def test_a_tone_of_most_records_is_of_all():
     """Its frequency is that of the longest record; a tone of fewer than most is theirs alone."""
     tones = (5.02, 20.0), (50.1, 30.0), (300.0,), (4.97,)
-    assert common_tones(tones, (10.0, 1.0, 1.0, 10.0)) == pytest.approx((50.1,))
+    records = [beside_white_noise(*pair) for pair in zip(tones, (10.0, 1.0, 1.0, 10.0), strict=True)]
+    assert [hz for hz, owners in tones_alike(records) if len(owners) > 2] == pytest.approx((50.1,))
+    shared = [(5.02, 20.0), (50.1, 30.0), (300.0, 50.1), (4.97,)]
+    for places, expected in zip(with_shared_tones(records), shared, strict=True):
+        assert places == pytest.approx(expected)
+
+
+def test_a_strong_tone_of_one_record_is_in_all_that_show_it_together(rng):
+    """Hum of 0.1 % stood out of two records of eight, and all together rejected the model."""
+    weak = rng.exponential(size=(7, BINS))
+    weak[:, 40] += 4.0
+    records = [beside_white_noise((40.2,)), *(beside_white_noise((), excess=excess) for excess in weak)]
+    assert with_shared_tones(records) == [pytest.approx((40.2,))] * 8
+
+
+def test_a_tone_of_one_record_alone_is_its_own(rng):
+    for _ in range(200):
+        records = [beside_white_noise((40.2,))]
+        records += [beside_white_noise((), excess=excess) for excess in rng.exponential(size=(7, BINS))]
+        first, *others = with_shared_tones(records)
+        assert len(first) == 1
+        assert not any(others)
+
+
+def test_the_fundamental_that_a_resonance_hides_is_of_all_where_one_record_shows_it():
+    """The fit took it for ringing in all but one, and the natural frequency was 7 u off."""
+    excess = np.zeros((4, BINS))
+    excess[2, 12] = 30.0
+    records = [beside_white_noise((35.6 + 0.01 * number,), excess=row) for number, row in enumerate(excess)]
+    for places in with_shared_tones(records):
+        assert any(abs(place - 35.6 / 3.0) < 0.1 for place in places)
 
 
 def test_two_new_tones_that_are_one_are_one():
@@ -82,8 +117,11 @@ def tones_beside(fundamental, amplitude, rng, bin_hz=(1.0,) * RECORDS):
         phase = np.exp(2j * np.pi * rng.random())
         residual = noise + amplitude * phase * np.sinc(offset) * np.exp(-1j * np.pi * offset)
         excess = tone_excess(residual, residual, np.ones(BINS), np.zeros(BINS, dtype=bool))
-        records.append(RecordTones(((fundamental + 0.03 * rng.normal()) / width,), (), excess, width))
-    return with_weak_harmonics(records)
+        records.append(RecordTones(((fundamental + 0.03 * rng.normal()) / width,), (), excess, width, BINS))
+    return [
+        tuple(set(places) - set(record.known))
+        for record, places in zip(records, with_shared_tones(records), strict=True)
+    ]
 
 
 def test_a_weak_harmonic_that_all_records_show_is_of_each(rng):

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import fft
 
-from vibrident.data.records import BoolArray, FloatArray
+from vibrident.data.records import FloatArray
 from vibrident.fit.departures.departure import Scale
 from vibrident.fit.departures.examination import Groups
 from vibrident.fit.departures.group import WhitenedGroup
@@ -34,7 +34,7 @@ from vibrident.fit.estimators import Estimate
 from vibrident.fit.group.network import Nuisances
 from vibrident.fit.noise.leakage import beside_leakage
 from vibrident.fit.noise.spectrum import NoiseSpectrum, PredictedMotion, noise_spectra
-from vibrident.fit.noise.tones import MAX_TONE_DISTANCE, with_tones
+from vibrident.fit.noise.tones import MAX_TONE_DISTANCE, harmonic_bins, with_tones
 from vibrident.fit.problem import Evidence
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import (
@@ -170,7 +170,7 @@ def _signals_of_alike(
             last,
             input_colour,
             colour,
-            _harmonics(samples, part.turns, count),
+            None if part.turns is None else harmonic_bins(samples, part.turns, count),
         )
         for part in parts
     ]
@@ -277,18 +277,6 @@ def _read_beside_hum(
     (spectrum,) = noise_spectra(noise[None], [motion], [part.floor])
     all_tones = with_tones(tones, spectrum.tones)
     return _Reading(noise, hum if all_tones == tones else hum_at(all_tones), spectrum)
-
-
-def _harmonics(samples: int, turns: float | None, count: int) -> BoolArray | None:
-    """Return the bins of a sine's harmonics, shape (K,); None of other motion.
-
-    They are the sensor's, and no hum.
-    """
-    if turns is None:
-        return None
-    place = turns * samples
-    order = np.arange(count) / place
-    return (np.abs(order - np.round(order)) * place < MAX_TONE_DISTANCE) & (np.round(order) > 0.0)
 
 
 def _effects(evidence: Evidence, estimate: Estimate, signals: Signals) -> ComplexArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy import fft
@@ -14,6 +14,7 @@ from vibrident.data.records.basis import span_of
 from vibrident.fit.descent.settle import InNoise
 from vibrident.fit.group.network import Nuisances
 from vibrident.fit.noise.spectrum import NoiseSpectrum, PredictedMotion, noise_spectrum
+from vibrident.fit.noise.tones import harmonic_bins, with_tones
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.problem.network_problem import noise_floor_of
 from vibrident.fit.response.response import ComplexArray
@@ -96,7 +97,9 @@ def weighted_segments(
             )
 
 
-def weighted_series(number: int, record: Record, predicted: FloatArray) -> WeightedBins | None:
+def weighted_series(
+    number: int, record: Record, predicted: FloatArray, turns: float | None = None
+) -> WeightedBins | None:
     """Return a record by its predicted response, or None of too few samples.
 
     Offset, drift and hum are fitted; nothing else is known of a network that runs in time.
@@ -105,6 +108,7 @@ def weighted_series(number: int, record: Record, predicted: FloatArray) -> Weigh
         number: index of the record.
         record: the record.
         predicted: its response, shape (samples,), NaN where not defined.
+        turns: of a sine in a sample, whose harmonics are no hum; None: not asked for.
     """
     used = record.mask & np.isfinite(predicted)
     if used.sum() < MIN_SAMPLES:
@@ -120,17 +124,23 @@ def weighted_series(number: int, record: Record, predicted: FloatArray) -> Weigh
     residual, motion, *columns = fft.rfft(
         [measured - modelled, modelled, used * 1.0, used * np.linspace(-1.0, 1.0, n)]
     )
-    prediction = PredictedMotion(motion, float(used.sum()), int(np.flatnonzero(counts)[-1]))
+    prediction = PredictedMotion(
+        motion,
+        float(used.sum()),
+        int(np.flatnonzero(counts)[-1]),
+        lines=None if turns is None else harmonic_bins(n, turns, counts.size),
+    )
     floor = noise_floor_of(record) ** 2
     hum = tuple(hz * n / record.sampling_rate_hz for hz in record.hum_hz)
     nuisances = np.concatenate([columns, fft.rfft(waves(hum, n) * used)])
     residual = freed(residual, nuisances, counts)
     spectrum = noise_spectrum(residual, prediction, floor)
     if spectrum.tones:  # leakage of hum is no noise
-        nuisances = np.concatenate([nuisances, fft.rfft(waves(spectrum.tones, n) * used)])
-        spectrum = noise_spectrum(
-            freed(residual, nuisances, counts / spectrum.psd), prediction, floor
-        )
+        first = spectrum
+        nuisances = np.concatenate([nuisances, fft.rfft(waves(first.tones, n) * used)])
+        spectrum = noise_spectrum(freed(residual, nuisances, counts / first.psd), prediction, floor)
+        tones = with_tones(first.tones, spectrum.tones)
+        spectrum = replace(spectrum, tones=tones, excess=first.excess)
     return WeightedBins(number, span, used, residual, motion, nuisances, counts, spectrum)
 
 

@@ -17,10 +17,9 @@ from vibrident.fit.noise.residuals import Residuals
 from vibrident.fit.noise.spectrum import NoiseSpectrum
 from vibrident.fit.noise.tones import (
     RecordTones,
-    common_tones,
     located,
+    with_shared_tones,
     with_tones,
-    with_weak_harmonics,
 )
 from vibrident.fit.problem.band import Band
 from vibrident.fit.response.response import ComplexArray
@@ -94,22 +93,11 @@ class Weighting:
         return weights
 
     def with_nuisances(self, band: Band) -> Band:
-        """Return the band with tones of hum, and leakage in steep noise, as nuisances.
-
-        Mains have one frequency: a tone of most segments is in all.
-        """
+        """Return the band with tones of hum, and leakage in steep noise, as nuisances."""
         problem = band.problem
         noises = [self.of_segment(number) for number in range(len(problem.segments))]
         steep = any(is_steep(noise.spectrum) for noise in noises)
-        bins_hz = [
-            problem.records[segment.record].sampling_rate_hz / noise.samples
-            for segment, noise in zip(problem.segments, noises, strict=True)
-        ]
-        common = common_tones([noise.spectrum.tones for noise in noises], bins_hz)
-        tones = []
-        for noise, bin_hz in zip(noises, bins_hz, strict=True):
-            within = (hz / bin_hz for hz in common if hz / bin_hz < noise.samples // 2)
-            tones.append(with_tones(noise.spectrum.tones, tuple(within)))
+        tones = [noise.spectrum.tones for noise in noises]
         return band.with_nuisances(tones, edges=steep)
 
 
@@ -161,20 +149,16 @@ def read_weighting(
             )
         noise = read_noise(rows, group.grid.last - 1, colour)
         bin_hz = group.grid.rate_hz / group.grid.samples
-        rows_of_noise = zip(
-            group.segments,
-            NoiseSpectrum.by_record(noise),
-            _known_tones(place),
-            noise.excess_by_record,
-            strict=True,
-        )
-        for number, spectrum, known, excess in rows_of_noise:
+        spectra = NoiseSpectrum.by_record(noise)
+        for number, spectrum, known in zip(
+            group.segments, spectra, _known_tones(place), strict=True
+        ):
             segments[number] = SegmentNoise(spectrum, squares, group.grid.samples)
-            tones[number] = RecordTones(known, spectrum.tones, excess, bin_hz)
-    strong_tones = with_weak_harmonics(list(tones.values()))
-    for (number, of_segment), strong in zip(tones.items(), strong_tones, strict=True):
+            tones[number] = spectrum.record_tones(bin_hz, known)
+    shared_tones = with_shared_tones(list(tones.values()))
+    for number, tones_of_segment in zip(tones, shared_tones, strict=True):
         noise = segments[number]
-        spectrum = replace(noise.spectrum, tones=with_tones(of_segment.known, strong))
+        spectrum = replace(noise.spectrum, tones=tones_of_segment)
         segments[number] = replace(noise, spectrum=spectrum)
     return Weighting(segments)
 

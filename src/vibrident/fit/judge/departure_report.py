@@ -15,7 +15,7 @@ from vibrident.fit.departures.points import PointsPart
 from vibrident.fit.departures.score import Score
 from vibrident.fit.departures.sources import groups_of, scale_of
 from vibrident.fit.judge.attempts import DepartureReport, Fitted
-from vibrident.fit.response.hum import hum_tones, lacking
+from vibrident.fit.judge.hum import with_hum
 from vibrident.fit.uncertainty.budget import patterns
 from vibrident.fit.uncertainty.parameters import deviations, parameter_units
 from vibrident.physics.naming import in_words
@@ -69,13 +69,9 @@ def with_nuisances(fitted: Fitted) -> tuple[Record, ...]:
     A record that has them all already is returned itself.
     """
     records = fitted.evidence.records
-    if records and fitted.evidence.model.is_linear:
-        known_hum = tuple(record.hum_hz for record in records)
-        tones = hum_tones(records, fitted.judgement.predicted, known_hum)
-        if lacking(tones, fitted.estimate.findings.hum_hz or known_hum, records):
-            records = tuple(
-                replace(record, hum_hz=hz) for record, hz in zip(records, tones, strict=True)
-            )
+    finds_hum = fitted.estimate.findings.noise is not None
+    if records and fitted.evidence.model.is_linear and not finds_hum:
+        records = with_hum(records, fitted.judgement.predicted)
     # What some records show belongs to the channel, so all of them have it.
     for group in _nuisances(fitted):
         with_nuisance = group.departures[0].kind.with_nuisances

@@ -10,7 +10,7 @@ import numpy as np
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.noise.reading import GroupNoise, read_noise
 from vibrident.fit.noise.residuals import Residuals
-from vibrident.fit.noise.tones import RecordTones, with_weak_harmonics
+from vibrident.fit.noise.tones import RecordTones, with_shared_tones
 from vibrident.fit.response.response import ComplexArray
 
 
@@ -27,6 +27,7 @@ class NoiseSpectrum:
             explain the prediction.
         tones: places of tones in the residual (hum of the mains), in bins and fractions of one.
         free: whether the motion leaves bins free, in which noise of the reference would show.
+        excess: by how much a tone may exceed the noise at each bin, shape (K,); None without tones.
     """
 
     psd: FloatArray
@@ -36,6 +37,7 @@ class NoiseSpectrum:
     excited: FloatArray
     tones: tuple[float, ...] = ()
     free: bool = False
+    excess: FloatArray | None = None
 
     @classmethod
     def by_record(cls, noise: GroupNoise) -> list[NoiseSpectrum]:
@@ -47,7 +49,12 @@ class NoiseSpectrum:
             noise.doubt,
             noise.excited,
         )
-        return [cls(*row) for row in zip(*rows, noise.tones, noise.free.tolist(), strict=True)]
+        of_tones = noise.tones, noise.free.tolist(), noise.excess_by_record
+        return [cls(*row) for row in zip(*rows, *of_tones, strict=True)]
+
+    def record_tones(self, bin_hz: float, known: tuple[float, ...] = ()) -> RecordTones:
+        """Return the tones, in bins of a width in Hz, beside those that were fitted."""
+        return RecordTones(known, self.tones, self.excess, bin_hz, self.psd.size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,12 +108,7 @@ def noise_spectra(
     )
     noise = read_noise(rows, first.last, first.colour)
     spectra = NoiseSpectrum.by_record(noise)
-    tones = with_weak_harmonics(
-        [
-            RecordTones((), spectrum.tones, excess, 1.0)
-            for spectrum, excess in zip(spectra, noise.excess_by_record, strict=True)
-        ]
-    )
+    tones = with_shared_tones([spectrum.record_tones(1.0) for spectrum in spectra])
     return [
         replace(spectrum, tones=places) for spectrum, places in zip(spectra, tones, strict=True)
     ]

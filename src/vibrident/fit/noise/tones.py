@@ -81,36 +81,52 @@ class RecordTones:
         strong: of others, the strongest first.
         excess: of the residual over the noise at each bin, shape (K,); None where nothing tells it.
         bin_hz: width of a bin, Hz.
+        bins: number of bins.
     """
 
     known: tuple[float, ...]
     strong: tuple[float, ...]
     excess: FloatArray | None
     bin_hz: float
+    bins: int
 
 
-def with_weak_harmonics(records: Sequence[RecordTones]) -> list[tuple[float, ...]]:
-    """Return the places, in bins, of each record's strong tones, and of weak harmonics.
+def with_shared_tones(records: Sequence[RecordTones]) -> list[tuple[float, ...]]:
+    """Return the places, in bins, of each record's tones, and of those it has with others.
 
-    Harmonics of tones that most of several records have are found where all records together show
-    them, though in each alone they might be chance. All but the record that shows a harmonic most
-    must exceed the chance of noise, which some harmonic does in one of a thousand cases
-    (Bonferroni). Elsewhere a misfit of all records would pass for a tone.
+    Mains have one frequency, and harmonics. A tone of one record is in all where most have it, or
+    where the others together show it, though in each alone it might be chance. Of harmonics all but
+    the record that shows one most must exceed the chance of noise: elsewhere a misfit of all
+    records would pass for a tone. A tone may itself be a harmonic, whose fundamental lies within a
+    resonance: the ringing imitates it in most records, so one that shows it suffices. Noise alone
+    adds a tone in one of a thousand cases (Bonferroni).
     """
-    tones = [(*record.known, *record.strong) for record in records]
-    fundamentals_hz = common_tones(tones, [record.bin_hz for record in records])
-    multiples_hz = [order * hz for hz in fundamentals_hz for order in HARMONICS]
-    harmonics_hz = [
-        hz for hz in multiples_hz if _chance(records, hz) < REJECTION / len(multiples_hz)
-    ]
+    alike = tones_alike(records)
+    limit = REJECTION / max(len(alike) * (1 + 2 * len(HARMONICS)), 1)
+    in_all_hz: list[float] = []
+    for hz, owners in alike:
+        without = [record for number, record in enumerate(records) if number not in owners]
+        in_most = 2 * len(owners) > len(records) > 1
+        if in_most or _chance_of_all(_excesses(without, hz)) < limit:
+            in_all_hz.append(hz)
+    shared_hz = list(in_all_hz)
+    for hz in in_all_hz:
+        for order in HARMONICS:
+            if _chance_of_all(np.sort(_excesses(records, order * hz))[:-1]) < limit:
+                shared_hz.append(order * hz)
+            if _chance_of_strongest(_excesses(records, hz / order)) < limit:
+                shared_hz.append(hz / order)
     return [
-        with_tones(record.strong, tuple(hz / record.bin_hz for hz in harmonics_hz))
+        with_tones(
+            with_tones(record.known, record.strong),
+            tuple(hz / record.bin_hz for hz in shared_hz if hz < record.bins * record.bin_hz),
+        )
         for record in records
     ]
 
 
-def _chance(records: Sequence[RecordTones], hz: float) -> float:
-    """Return the chance that noise exceeds its level at a frequency as much as records do."""
+def _excesses(records: Sequence[RecordTones], hz: float) -> FloatArray:
+    """Return the excess of each record at a frequency as χ² of two degrees, shape (records,)."""
     excesses: list[float] = []
     freedoms: list[float] = []
     for record in records:
@@ -118,11 +134,17 @@ def _chance(records: Sequence[RecordTones], hz: float) -> float:
         if record.excess is not None and place < record.excess.size - 1:
             excesses.append(float(record.excess[place]))
             freedoms.append(4.0 * (averaged_bins(record.excess.size) - NEAREST_BINS))
-    weaker = np.argsort(excesses)[:-1]
-    if not weaker.size:
-        return 1.0
-    chi2 = float(np.sum(as_chi2(2.0 * np.array(excesses)[weaker], np.array(freedoms)[weaker])))
-    return chi2_tail(2 * weaker.size, chi2)
+    return np.asarray(as_chi2(2.0 * np.array(excesses), np.array(freedoms)))
+
+
+def _chance_of_all(chi2: FloatArray) -> float:
+    """Return the chance that noise exceeds the sum of χ² of two degrees each, shape (R,)."""
+    return chi2_tail(2 * chi2.size, float(np.sum(chi2))) if chi2.size else 1.0
+
+
+def _chance_of_strongest(chi2: FloatArray) -> float:
+    """Return the chance that noise exceeds the largest χ² of two degrees, shape (R,)."""
+    return min(chi2.size * chi2_tail(2, float(np.max(chi2))), 1.0) if chi2.size else 1.0
 
 
 def located(place: float, signal: FloatArray) -> float:
@@ -157,27 +179,34 @@ def with_tones(known: tuple[float, ...], candidates: tuple[float, ...]) -> tuple
     return tuple(tones[:MAX_TONES])
 
 
-def common_tones(tones: Sequence[tuple[float, ...]], bins_hz: Sequence[float]) -> tuple[float, ...]:
-    """Return the frequencies in Hz of tones that most of two records or more have.
-
-    Args:
-        tones: of each record, in its bins.
-        bins_hz: width of a bin of each record, Hz.
-    """
+def tones_alike(records: Sequence[RecordTones]) -> list[tuple[float, set[int]]]:
+    """Return the frequency in Hz of each tone, and the numbers of the records that have it."""
     remaining = sorted(
-        (width, width * place, record)
-        for record, (places, width) in enumerate(zip(tones, bins_hz, strict=True))
-        for place in places
+        (record.bin_hz, record.bin_hz * place, number)
+        for number, record in enumerate(records)
+        for place in (*record.known, *record.strong)
     )
-    common = list[float]()
+    groups: list[tuple[float, set[int]]] = []
     while remaining:
         width, hz, _ = remaining[0]  # of a longest record, which locates it best
         alike = [tone for tone in remaining if abs(tone[1] - hz) < MIN_DISTANCE_BINS * tone[0]]
         remaining = [tone for tone in remaining if tone not in alike]
-        if 2 * len({record for _, _, record in alike}) > len(tones) > 1:
-            best = [tone_hz for tone_width, tone_hz, _ in alike if tone_width <= width]
-            common.append(float(np.median(best)))
-    return tuple(common)
+        best = [tone_hz for tone_width, tone_hz, _ in alike if tone_width <= width]
+        groups.append((float(np.median(best)), {number for _, _, number in alike}))
+    return groups
+
+
+def harmonic_bins(samples: int, turns: float, count: int) -> BoolArray:
+    """Return which bins are those of a sine's harmonics, which are the sensor's, shape (K,).
+
+    Args:
+        samples: of the record.
+        turns: of the sine in a sample.
+        count: number of bins, K.
+    """
+    place = turns * samples
+    order = np.arange(count) / place
+    return (np.abs(order - np.round(order)) * place < MAX_TONE_DISTANCE) & (np.round(order) > 0.0)
 
 
 def _offsets(power: FloatArray, tops: NDArray[np.int_]) -> FloatArray:
