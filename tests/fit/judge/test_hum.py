@@ -86,8 +86,14 @@ def test_hum_of_other_records_is_known_in_the_one_whose_tone_it_disturbs(draws):
         within(result, P)
 
 
+def transfer(hz, values=P):
+    """Response of a sensor to its reference."""
+    over = hz / values["natural_frequency"]
+    return values["sensitivity"] / (1.0 - over**2 + 2j * values["damping_ratio"] * over)
+
+
 def hum_of(records, predicted):
-    return [record.hum_hz for record in with_hum(tuple(records), predicted)]
+    return [record.hum_hz for record in with_hum(tuple(records), predicted, transfer)]
 
 
 def test_hum_is_seen_and_a_misfit_or_a_harmonic_is_not():
@@ -96,8 +102,8 @@ def test_hum_is_seen_and_a_misfit_or_a_harmonic_is_not():
     humming = beside_hum(clean, 1, 0.01)
     for tones in hum_of(humming.records, predicted):
         np.testing.assert_allclose(tones, (24.7, 74.1), atol=0.1)
-    with_both = with_hum(humming.records, predicted)
-    assert with_hum(with_both, predicted) == with_both
+    with_both = with_hum(humming.records, predicted, transfer)
+    assert with_hum(with_both, predicted, transfer) == with_both
     assert not any(hum_of(clean.records, [1.02 * v for v in predicted]))
     bent = sines(1, [40.3, 90.7])
     steady = [r.response for r in sines(1, [40.3, 90.7], response_noise=0.0).records]
@@ -113,3 +119,20 @@ def test_hum_is_seen_where_a_late_response_leaves_the_first_part_without_a_predi
     late = [np.where(np.arange(N) < 400, np.nan, v) for v in predicted]
     for tones in hum_of(beside_hum(clean, 1, 0.01).records, late):
         np.testing.assert_allclose(tones, (24.7, 74.1), atol=0.1)
+
+
+def test_noise_of_the_reference_in_a_resonance_is_no_hum():
+    """The noise of 1 % passes a resonance of two bins, in which each record showed a tone."""
+    sharp = P | {"natural_frequency": 57.9, "damping_ratio": 0.02}
+    frequencies = np.geomspace(13.1, 333.0, 7)
+    quiet = sines(3, frequencies, sharp, response_noise=0.0)
+    noisy = sines(3, frequencies, sharp)
+    noise = np.random.default_rng(3)
+    records = []
+    for record in noisy.records:
+        spectrum = np.fft.rfft(0.01 * np.std(record.reference) * noise.standard_normal(record.samples))
+        spectrum *= transfer(np.fft.rfftfreq(record.samples, 1.0 / RATE), sharp)
+        records.append(record.with_response(record.response + np.fft.irfft(spectrum, record.samples), ""))
+    predicted = [record.response for record in quiet.records]
+    known = with_hum(tuple(records), predicted, lambda hz: transfer(hz, sharp))
+    assert not any(record.hum_hz for record in known)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,12 +18,21 @@ from vibrident.fit.noise.tones import harmonic_bins, with_tones
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.problem.network_problem import noise_floor_of
 from vibrident.fit.response.response import ComplexArray
-from vibrident.fit.response.transform import counts_in_band, power_of, waves
+from vibrident.fit.response.transform import (
+    counts_in_band,
+    line_frequencies,
+    power_of,
+    reference_colour,
+    waves,
+)
 
 #: Largest fraction of a record that is left out for a length that transforms fast.
 MAX_LOST = 0.01
 #: Fewest samples of a record that is used.
 MIN_SAMPLES = 8
+
+
+Transfer = Callable[[FloatArray], ComplexArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +107,11 @@ def weighted_segments(
 
 
 def weighted_series(
-    number: int, record: Record, predicted: FloatArray, turns: float | None = None
+    number: int,
+    record: Record,
+    predicted: FloatArray,
+    turns: float | None = None,
+    transfer: Transfer | None = None,
 ) -> WeightedBins | None:
     """Return a record by its predicted response, or None of too few samples.
 
@@ -109,6 +122,8 @@ def weighted_series(
         record: the record.
         predicted: its response, shape (samples,), NaN where not defined.
         turns: of a sine in a sample, whose harmonics are no hum; None: not asked for.
+        transfer: response to the reference by frequency in Hz, with which its noise arrives; None:
+            not known.
     """
     used = record.mask & np.isfinite(predicted)
     if used.sum() < MIN_SAMPLES:
@@ -124,10 +139,16 @@ def weighted_series(
     residual, motion, *columns = fft.rfft(
         [measured - modelled, modelled, used * 1.0, used * np.linspace(-1.0, 1.0, n)]
     )
+    colour = reference_colour(record, n)
+    through = None
+    if transfer is not None:
+        through = colour * power_of(transfer(line_frequencies(n, record.sampling_rate_hz)))
     prediction = PredictedMotion(
         motion,
         float(used.sum()),
         int(np.flatnonzero(counts)[-1]),
+        through,
+        colour,
         lines=None if turns is None else harmonic_bins(n, turns, counts.size),
     )
     floor = noise_floor_of(record) ** 2

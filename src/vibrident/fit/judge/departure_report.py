@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -71,7 +72,12 @@ def with_nuisances(fitted: Fitted) -> tuple[Record, ...]:
     records = fitted.evidence.records
     finds_hum = fitted.estimate.findings.noise is not None
     if records and fitted.evidence.model.is_linear and not finds_hum:
-        records = with_hum(records, fitted.judgement.predicted)
+        transfer = functools.partial(
+            fitted.evidence.model.frequency_response,
+            fitted.values,
+            quantity=fitted.evidence.quantity,
+        )
+        records = with_hum(records, fitted.judgement.predicted, transfer)
     # What some records show belongs to the channel, so all of them have it.
     for group in _nuisances(fitted):
         with_nuisance = group.departures[0].kind.with_nuisances

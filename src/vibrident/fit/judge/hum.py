@@ -14,12 +14,14 @@ from dataclasses import replace
 import numpy as np
 
 from vibrident.data.records import FloatArray, Record
-from vibrident.fit.descent.weighted_bins import WeightedBins, weighted_series
+from vibrident.fit.descent.weighted_bins import Transfer, WeightedBins, weighted_series
 from vibrident.fit.noise.tones import RecordTones, with_shared_tones
 from vibrident.fit.response.sine_fit import response_sine, tone_frequency
 
 
-def with_hum(records: tuple[Record, ...], predicted: Sequence[FloatArray]) -> tuple[Record, ...]:
+def with_hum(
+    records: tuple[Record, ...], predicted: Sequence[FloatArray], transfer: Transfer
+) -> tuple[Record, ...]:
     """Return the records with the tones of their residuals, or these records where none is new.
 
     Mains have one frequency: a tone of most records is in all.
@@ -27,11 +29,12 @@ def with_hum(records: tuple[Record, ...], predicted: Sequence[FloatArray]) -> tu
     Args:
         records: the records.
         predicted: response of a model to each, shape (samples,), NaN where it is not defined.
+        transfer: of the model, by frequency in Hz.
     """
     with_new = list(records)
     shown: list[tuple[int, RecordTones]] = []
     for number, (record, series) in enumerate(zip(records, predicted, strict=True)):
-        bins = None if record.reference is None else _bins(number, record, series)
+        bins = None if record.reference is None else _bins(number, record, series, transfer)
         if bins is not None:
             line_hz = record.sampling_rate_hz / bins.samples
             # Less than a turn is the nuisance of a drift, and no hum.
@@ -46,11 +49,13 @@ def with_hum(records: tuple[Record, ...], predicted: Sequence[FloatArray]) -> tu
     return tuple(with_new)
 
 
-def _bins(number: int, record: Record, predicted: FloatArray) -> WeightedBins | None:
+def _bins(
+    number: int, record: Record, predicted: FloatArray, transfer: Transfer
+) -> WeightedBins | None:
     """Return a record beside its prediction, or a sine beside the best one."""
-    if record.excitation != "sine":
-        return weighted_series(number, record, predicted)
-    if not np.any(np.isfinite(predicted)):
-        predicted = response_sine(record)
-    turns = tone_frequency(record) / record.sampling_rate_hz
-    return weighted_series(number, record, predicted, turns)
+    turns = None
+    if record.excitation == "sine":
+        turns = tone_frequency(record) / record.sampling_rate_hz
+        if not np.any(np.isfinite(predicted)):
+            predicted = response_sine(record)
+    return weighted_series(number, record, predicted, turns, transfer)
