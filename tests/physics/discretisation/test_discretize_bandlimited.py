@@ -60,18 +60,21 @@ def test_delays_whole_fractional_and_negative(delay):
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.25, 0.5, 1.285, 12.8, -0.6])
-@pytest.mark.parametrize(("name", "largest"), [("accelerometer", 1e-7), ("velocity-pickup", 5e-5)])
-def test_derivatives_of_a_displacement_far_below_the_resonance(name, largest, delay):
+@pytest.mark.parametrize(
+    ("name", "slowest", "largest"), [("accelerometer", 1e-8, 1e-8), ("velocity-pickup", 1e-5, 1e-6)]
+)
+def test_derivatives_of_a_displacement_far_below_the_resonance(name, slowest, largest, delay):
     """A resonance far above the band enlarges what interpolation and rounding leave, by the second or third derivative.
 
     It was 2e-5 and 3e-4 where a step between two samples lacked its last tap, and slow tones 1e-7 and 3e-4 by rounding.
+    A window that jumped at its ends left 8e-8 and 3e-5: a sweep over three octaves was no model's response.
     """
     gain = {"accelerometer": "sensitivity", "velocity-pickup": "generator_constant"}[name]
     p = {gain: 1.0, "natural_frequency": 5.3 * 512.0, "damping_ratio": 0.03}
     tones = (0.005, 0.02, 0.05, 0.1, 0.2)
     errors = [band_limited_error(p, 512.0, tone * 512.0, name, "displacement", delay=delay) for tone in tones]
-    assert max(errors) < largest
-    assert errors[0] < 0.2 * largest
+    assert errors[0] < slowest
+    assert max(errors[1:]) < largest
 
 
 @pytest.mark.parametrize("moved", [0.3, -0.3, 0.8, -1.0])

@@ -6,12 +6,11 @@ coefficients over the step from t_k to t_{k+1} are weighted sums of the samples 
 
     c_j(k) = (2j + 1) ∫₀¹ a(t_k + x Ts) P_j(2x − 1) dx = Σ_n h_j[n] a_{k+n},
 
-with h_j from the Kaiser-windowed sinc (Oppenheim & Schafer 2010, sec. 7.5), which is corrected so
-that polynomials are interpolated exactly: of slow motion, the derivatives of the interpolation's
-error would exceed those of the motion. The Legendre series of
-a signal below 0.4 fs converges for every sensor, however stiff: the j-th coefficient of a tone
-falls like the spherical Bessel function j_j(ω Ts/2), and the sensor's own j_j(λ Ts/2) multiplies
-it.
+with h_j from the sinc in Kaiser's window (Oppenheim & Schafer 2010, sec. 7.5) without its jump,
+corrected so that polynomials are interpolated exactly: of slow motion, the derivatives of the
+interpolation's error would exceed those of the motion. The Legendre series of a signal below 0.4 fs
+converges for every sensor, however stiff: the j-th coefficient of a tone falls like the spherical
+Bessel function j_j(ω Ts/2), and the sensor's own j_j(λ Ts/2) multiplies it.
 """
 
 from __future__ import annotations
@@ -36,8 +35,8 @@ from vibrident.data.records import BoolArray, FloatArray
 USABLE_BAND = 0.4
 #: Samples used on either side of a step for inputs that are accurate over the usable band.
 HALF_WIDTH = 40
-#: Kaiser β for the half width above: interpolation error below 1e-11 up to 0.4 of the sampling
-#: rate, and below 1e-4 up to 0.43. The error is as small at the edge f of another band if the half
+#: Kaiser β for the half width above: interpolation error below 3e-11 up to 0.4 of the sampling
+#: rate, and below 2e-4 up to 0.43. The error is as small at the edge f of another band if the half
 #: width is in proportion to 1/(1 − 2 f), the width of what lies between the band and its images.
 KAISER_BETA = 24.0
 #: Highest degree of polynomials that are interpolated exactly: a second derivative is then right
@@ -273,10 +272,14 @@ def filtered(
 
 
 def _window(distance: FloatArray, kernel: Kernel) -> FloatArray:
-    """Return Kaiser's window of the interpolation at distances in samples."""
+    """Return the window of the interpolation at distances in samples.
+
+    Kaiser's jumps at its ends by 1/I0(β), which a third derivative enlarges at the far images of
+    slow motion. A parabola takes the jump away.
+    """
     half_width, beta = kernel
     inside = np.clip(1.0 - (distance / half_width) ** 2, 0.0, None)
-    return np.i0(beta * np.sqrt(inside)) / np.i0(beta) * (np.abs(distance) <= half_width)
+    return np.asarray(inside * np.i0(beta * np.sqrt(inside)) / np.i0(beta))
 
 
 def _all_valid(valid: BoolArray, begin: int, end: int) -> BoolArray:
