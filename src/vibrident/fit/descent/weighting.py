@@ -18,6 +18,7 @@ from vibrident.fit.noise.spectrum import NoiseSpectrum
 from vibrident.fit.noise.tones import (
     RecordTones,
     located,
+    resonant_bins,
     with_shared_tones,
     with_tones,
 )
@@ -150,11 +151,12 @@ def read_weighting(
         noise = read_noise(rows, group.grid.last - 1, colour)
         bin_hz = group.grid.rate_hz / group.grid.samples
         spectra = NoiseSpectrum.by_record(noise)
+        resonant = resonant_bins(squares) if group.grid.driven else None
         for number, spectrum, known in zip(
             group.segments, spectra, _known_tones(place), strict=True
         ):
             segments[number] = SegmentNoise(spectrum, squares, group.grid.samples)
-            tones[number] = spectrum.record_tones(bin_hz, known)
+            tones[number] = spectrum.record_tones(bin_hz, known, resonant)
     shared_tones = with_shared_tones(list(tones.values()))
     for number, tones_of_segment in zip(tones, shared_tones, strict=True):
         noise = segments[number]

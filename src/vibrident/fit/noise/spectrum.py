@@ -52,9 +52,11 @@ class NoiseSpectrum:
         of_tones = noise.tones, noise.free.tolist(), noise.excess_by_record
         return [cls(*row) for row in zip(*rows, *of_tones, strict=True)]
 
-    def record_tones(self, bin_hz: float, known: tuple[float, ...] = ()) -> RecordTones:
+    def record_tones(
+        self, bin_hz: float, known: tuple[float, ...] = (), resonant: BoolArray | None = None
+    ) -> RecordTones:
         """Return the tones, in bins of a width in Hz, beside those that were fitted."""
-        return RecordTones(known, self.tones, self.excess, bin_hz, self.psd.size)
+        return RecordTones(known, self.tones, self.excess, bin_hz, self.psd.size, resonant)
 
 
 @dataclass(frozen=True, eq=False)

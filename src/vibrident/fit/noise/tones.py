@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 
 from vibrident.base.tails import chi2_tail
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.fit.noise.averages import MIN_POWER, NEAREST_BINS, averaged_bins, windowed
+from vibrident.fit.noise.averages import (
+    MIN_POWER,
+    NEAREST_BINS,
+    averaged_bins,
+    level_around,
+    log_power,
+    windowed,
+)
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
 from vibrident.fit.response.verdict import REJECTION, as_chi2
@@ -19,8 +26,12 @@ from vibrident.fit.response.verdict import REJECTION, as_chi2
 TONE_RATIO = 25.0
 #: Most tones of a record.
 MAX_TONES = 16
-#: Orders of the harmonics of the mains that are looked for.
+#: Orders of the harmonics of the mains that are looked for …
 HARMONICS = (2, 3, 4, 5)
+#: … and of those whose fundamental may hide in a resonance.
+HIDDEN_ORDERS = (2, 3)
+#: A sensor rings in step with a tone where its |H|² is so many times that around.
+RINGING_RATIO = 4.0
 #: Tones nearer than so many bins are one: a record of this length cannot separate nearer ones.
 MIN_DISTANCE_BINS = 1.0
 #: A known tone stays where it is this near: of a phase that turns by ±πδ over the record, its
@@ -82,6 +93,7 @@ class RecordTones:
         excess: of the residual over the noise at each bin, shape (K,); None where nothing tells it.
         bin_hz: width of a bin, Hz.
         bins: number of bins.
+        resonant: bins of a resonance, whose ringing imitates a tone, shape (K,); None: not known.
     """
 
     known: tuple[float, ...]
@@ -89,6 +101,12 @@ class RecordTones:
     excess: FloatArray | None
     bin_hz: float
     bins: int
+    resonant: BoolArray | None = None
+
+    def hides(self, hz: float) -> bool:
+        """Return whether a tone at a frequency would be taken for the sensor's ringing."""
+        place = round(hz / self.bin_hz)
+        return self.resonant is not None and place < self.bins and bool(self.resonant[place])
 
 
 def with_shared_tones(records: Sequence[RecordTones]) -> list[tuple[float, ...]]:
@@ -97,12 +115,12 @@ def with_shared_tones(records: Sequence[RecordTones]) -> list[tuple[float, ...]]
     Mains have one frequency, and harmonics. A tone of one record is in all where most have it, or
     where the others together show it, though in each alone it might be chance. Of harmonics all but
     the record that shows one most must exceed the chance of noise: elsewhere a misfit of all
-    records would pass for a tone. A tone may itself be a harmonic, whose fundamental lies within a
-    resonance: the ringing imitates it in most records, so one that shows it suffices. Noise alone
-    adds a tone in one of a thousand cases (Bonferroni).
+    records would pass for a tone. A tone may itself be a harmonic, whose fundamental no record
+    shows where the sensor rings in step with it. Noise alone adds a tone in one of a thousand cases
+    (Bonferroni).
     """
     alike = tones_alike(records)
-    limit = REJECTION / max(len(alike) * (1 + 2 * len(HARMONICS)), 1)
+    limit = REJECTION / max(len(alike) * (1 + len(HARMONICS)), 1)
     in_all_hz: list[float] = []
     for hz, owners in alike:
         without = [record for number, record in enumerate(records) if number not in owners]
@@ -114,7 +132,8 @@ def with_shared_tones(records: Sequence[RecordTones]) -> list[tuple[float, ...]]
         for order in HARMONICS:
             if _chance_of_all(np.sort(_excesses(records, order * hz))[:-1]) < limit:
                 shared_hz.append(order * hz)
-            if _chance_of_strongest(_excesses(records, hz / order)) < limit:
+        for order in HIDDEN_ORDERS:
+            if any(record.hides(hz / order) for record in records):
                 shared_hz.append(hz / order)
     return [
         with_tones(
@@ -142,9 +161,10 @@ def _chance_of_all(chi2: FloatArray) -> float:
     return chi2_tail(2 * chi2.size, float(np.sum(chi2))) if chi2.size else 1.0
 
 
-def _chance_of_strongest(chi2: FloatArray) -> float:
-    """Return the chance that noise exceeds the largest χ² of two degrees, shape (R,)."""
-    return min(chi2.size * chi2_tail(2, float(np.max(chi2))), 1.0) if chi2.size else 1.0
+def resonant_bins(through: FloatArray) -> BoolArray:
+    """Return the bins of resonances, shape (K,), given |H|²."""
+    logarithm = log_power(through[None].copy())
+    return np.asarray((logarithm - level_around(logarithm))[0] > np.log(RINGING_RATIO))
 
 
 def located(place: float, signal: FloatArray) -> float:
