@@ -95,6 +95,7 @@ def test_hum_is_an_unknown_and_costs_little() -> None:
 
 
 @pytest.mark.parametrize("excitation", ["random", "shock"])
+@pytest.mark.quick("random")
 def test_a_misfit_is_not_weighed_away(excitation: str) -> None:
     """Weigh a second mode that the model lacks as an error of the model, not as noise.
 

@@ -68,6 +68,7 @@ DRAWS = [
 
 
 @pytest.mark.parametrize(("name", "seed"), DRAWS)
+@pytest.mark.quick("the likelier of two estimates-2", "a short delay-2", "a short delay-3")
 def test_shocks_that_run_when_the_record_begins_are_fitted(name, seed):
     model, true, quantity, (count, rate_hz, samples, level) = CASES[name]
     rng = np.random.default_rng(seed)

@@ -73,7 +73,7 @@ def z_of(result):
 
 @pytest.mark.parametrize("offset", [2e-6, -2e-5, 3e-4, -1e-2])
 @pytest.mark.parametrize("kind", ["random", "sweep", "multisine", "shock"])
-@pytest.mark.quick("random--2e-05", "multisine--0.01", "shock-0.0003", "shock-2e-06")
+@pytest.mark.quick("random--2e-05", "shock-0.0003", "shock-2e-06")
 def test_two_clocks_are_named_and_corrected(kind, offset):
     result = vibrident.identify(given(kind, offset, 7), model="accelerometer+delay")
     assert result.warning_codes == ("clock_suspect",)
