@@ -112,19 +112,19 @@ class RecordTones:
 def with_shared_tones(records: Sequence[RecordTones]) -> list[tuple[float, ...]]:
     """Return the places, in bins, of each record's tones, and of those it has with others.
 
-    Mains have one frequency, and harmonics. A tone of one record is in all where most have it, or
-    where the others together show it, though in each alone it might be chance. Of harmonics all but
-    the record that shows one most must exceed the chance of noise: elsewhere a misfit of all
+    Mains have one frequency, and harmonics. A tone of several records is in all where most have it,
+    or where the others together show it, though in each alone it might be chance. Of harmonics all
+    but the record that shows one most must exceed the chance of noise: elsewhere a misfit of all
     records would pass for a tone. A tone may itself be a harmonic, whose fundamental no record
     shows where the sensor rings in step with it. Noise alone adds a tone in one of a thousand cases
     (Bonferroni).
     """
-    alike = tones_alike(records)
+    alike = [(hz, owners) for hz, owners in tones_alike(records) if len(owners) > 1]
     limit = REJECTION / max(len(alike) * (1 + len(HARMONICS)), 1)
     in_all_hz: list[float] = []
     for hz, owners in alike:
         without = [record for number, record in enumerate(records) if number not in owners]
-        in_most = 2 * len(owners) > len(records) > 1
+        in_most = 2 * len(owners) > len(records)
         if in_most or _chance_of_all(_excesses(without, hz)) < limit:
             in_all_hz.append(hz)
     shared_hz = list(in_all_hz)
