@@ -101,3 +101,9 @@ def test_noise_of_the_reference_counts_by_the_response_of_each_place(case, run):
     """By a response without a model it was too small beside a resonance: χ²/ν was 284, or bins without motion told the
     start."""
     assert judged(BY_NAME[case].trial(run))["class"] == "right"
+
+
+def test_noise_that_leads_out_of_the_records_ends_the_rounds():
+    """The delay ran off, and the records were refused as too short; the place before led to the sensor."""
+    case = BY_NAME["quantities/acceleration/accelerometer+highpass+delay/shock running"]
+    assert judged(case.trial(149))["class"] == "right"

@@ -5,6 +5,7 @@ import pytest
 from bench.adversary.cases import BY_NAME
 from bench.adversary.held import WHITE, joined_response
 from bench.adversary.held import stairs as levels_of
+from bench.adversary.judge import judged
 from bench.adversary.physics import Sensor
 from scipy import signal
 from scipy.special import chdtri
@@ -255,3 +256,8 @@ def test_sines_that_no_course_explains_are_stated_as_the_estimator_of_points_sta
     assert not by_default.fit.adequate
     assert by_default.parameters == by_points.parameters
     assert by_default.settings["uncertainty_covers"] == by_points.settings["uncertainty_covers"]
+
+
+def test_courses_are_compared_by_the_same_samples():
+    """Noise in the 32 samples that a band-limited reference lacks made lines likelier by e^13, and fn 399 u off."""
+    assert judged(BY_NAME["clean/above-light/shock/white 0.1 %"].trial(149))["class"] == "right"

@@ -387,7 +387,10 @@ def settle(
     for round_number in range(MAX_ROUNDS if explains else 0):
         weighting, band = _noise_at(end, observed)
         before = end.z
-        end = descend(band, coordinates, before, weighting, FINAL_TOLERANCE, progress)
+        try:
+            end = descend(band, coordinates, before, weighting, FINAL_TOLERANCE, progress)
+        except NO_FIT:  # this noise leads out of the records
+            break
         trace = trace.then(end.trace)
         deviation = np.sqrt(np.diag(inverse_normal(information(end.at))))
         shift = float(np.max(np.abs(end.z - before) / deviation))

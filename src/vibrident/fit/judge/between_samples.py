@@ -16,7 +16,7 @@ import numpy as np
 from vibrident.base.amounts import amount
 from vibrident.base.errors import ModelError, VibridentError
 from vibrident.base.tails import chi2_tail, f_tail
-from vibrident.data.records import FloatArray, SystematicEffect
+from vibrident.data.records import FloatArray, Record, SystematicEffect
 from vibrident.data.screening.held import has_stairs
 from vibrident.fit.bins.transfer import horner, transfer_of
 from vibrident.fit.descent.likelihoods import compared_where_all_excited
@@ -27,6 +27,7 @@ from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.departure_report import departure_names
 from vibrident.fit.optimise import Progress
 from vibrident.fit.problem import Evidence
+from vibrident.fit.problem.bin_problem import BinProblem
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.verdict import REJECTION
 from vibrident.fit.uncertainty.parameters import standard_uncertainties
@@ -36,6 +37,7 @@ from vibrident.physics.models.state_space import realise
 
 DELAY = "delay"
 ALIASING = "aliasing"  # of motion; a commanded step has any frequency
+BESIDE = "no band-limited reference is known beside them"
 #: Course of a reference between its samples, by the discretisation that is exact for it.
 REASONS = {
     "zoh": "the reference is held between its samples, as stairs: zero-order hold",
@@ -86,11 +88,46 @@ def fit_between_samples(
     return plain if by_points and likeliest.estimator == band_limited.estimator else likeliest
 
 
+def _of_samples_in_common(band_limited: Fitted) -> Fitted:
+    """Return a band-limited fit whose responses are not valid where it cannot use them.
+
+    Other courses lose no samples at the ends of a record.
+    """
+    problem = band_limited.estimate.problem
+    records = band_limited.evidence.records
+    used = [np.zeros(record.samples, dtype=bool) for record in records]
+    for segment in problem.segments if isinstance(problem, BinProblem) else ():
+        used[segment.record][segment.span] = True
+    records = tuple(
+        record.without_response(~of_record, BESIDE) if of_record.any() else record
+        for record, of_record in zip(records, used, strict=True)
+    )
+    return replace(band_limited, evidence=replace(band_limited.evidence, records=records))
+
+
+def _of_all_samples(fitted: Fitted, records: tuple[Record, ...]) -> Fitted:
+    """Return a fit with the samples that were left out to compare it; itself where none does."""
+    evidence = replace(fitted.evidence, records=records)
+    start = replace(evidence, start=fitted.values)
+    try:
+        whole = Fitted.at_first(start, fitted.estimator, fitted.progress)
+    except VibridentError:
+        whole = fitted
+    return replace(whole, evidence=evidence, reason=fitted.reason)
+
+
 def _likeliest_by_far(band_limited: Fitted, networks: Sequence[Ipnn]) -> Fitted:
-    """Return a band-limited fit, or one by a network that explains the data and is far likelier."""
-    fits = _fits(band_limited, networks, band_limited.values)
+    """Return a band-limited fit, or one by a network that explains the data and is far likelier.
+
+    They are compared by the same samples: noise differs by chance from that of some samples more,
+    by as much as likelihoods do.
+    """
+    fits = _fits(_of_samples_in_common(band_limited), networks, band_limited.values)
     adequate = [fitted for fitted in fits if fitted.adequate]
-    return _likeliest([band_limited, *adequate], min_gain=-2.0 * math.log(REJECTION))
+    likeliest = _likeliest([band_limited, *adequate], min_gain=-2.0 * math.log(REJECTION))
+    if likeliest is band_limited:
+        return band_limited
+    return _of_all_samples(likeliest, band_limited.evidence.records)
 
 
 def _likeliest_of_all(band_limited: Fitted, networks: Sequence[Ipnn]) -> Fitted:
