@@ -37,7 +37,7 @@ from vibrident.physics.models.state_space import realise
 
 DELAY = "delay"
 ALIASING = "aliasing"  # of motion; a commanded step has any frequency
-BESIDE = "no band-limited reference is known beside them"
+WITHOUT_REFERENCE = "no band-limited reference is known beside them"
 #: Course of a reference between its samples, by the discretisation that is exact for it.
 REASONS = {
     "zoh": "the reference is held between its samples, as stairs: zero-order hold",
@@ -99,7 +99,7 @@ def _of_samples_in_common(band_limited: Fitted) -> Fitted:
     for segment in problem.segments if isinstance(problem, BinProblem) else ():
         used[segment.record][segment.span] = True
     records = tuple(
-        record.without_response(~of_record, BESIDE) if of_record.any() else record
+        record.without_response(~of_record, WITHOUT_REFERENCE) if of_record.any() else record
         for record, of_record in zip(records, used, strict=True)
     )
     return replace(band_limited, evidence=replace(band_limited.evidence, records=records))
@@ -110,10 +110,10 @@ def _of_all_samples(fitted: Fitted, records: tuple[Record, ...]) -> Fitted:
     evidence = replace(fitted.evidence, records=records)
     start = replace(evidence, start=fitted.values)
     try:
-        whole = Fitted.at_first(start, fitted.estimator, fitted.progress)
+        refit = Fitted.at_first(start, fitted.estimator, fitted.progress)
     except VibridentError:
-        whole = fitted
-    return replace(whole, evidence=evidence, reason=fitted.reason)
+        refit = fitted
+    return replace(refit, evidence=evidence, reason=fitted.reason)
 
 
 def _likeliest_by_far(band_limited: Fitted, networks: Sequence[Ipnn]) -> Fitted:
