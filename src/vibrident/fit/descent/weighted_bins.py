@@ -31,7 +31,7 @@ MAX_LOST = 0.01
 #: Fewest samples of a record that is used.
 MIN_SAMPLES = 8
 
-
+#: Response of a sensor to its reference by frequency in Hz, both of shape (n,).
 Transfer = Callable[[FloatArray], ComplexArray]
 
 

@@ -13,7 +13,12 @@ from vibrident.base.amounts import plain
 from vibrident.base.errors import InputError
 from vibrident.data.records import FloatArray, Record, SystematicEffect
 from vibrident.fit.decay import decay_deviations
-from vibrident.fit.descent.weighted_bins import WeightedBins, weighted_segments, weighted_series
+from vibrident.fit.descent.weighted_bins import (
+    Transfer,
+    WeightedBins,
+    weighted_segments,
+    weighted_series,
+)
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.estimators.residual_tones import network_problem, residual_tones
 from vibrident.fit.judge.excerpts import excerpts
@@ -27,7 +32,6 @@ from vibrident.fit.response.verdict import REJECTION, probability
 from vibrident.fit.uncertainty.adequacy import (
     Adequacy,
     Points,
-    Response,
     assess,
     factor_points,
     looks_random,
@@ -212,7 +216,7 @@ def weighed_records(
             yield bins
 
 
-def _rounding_floor(record: Record, bins: WeightedBins, response: Response) -> FloatArray | float:
+def _rounding_floor(record: Record, bins: WeightedBins, response: Transfer) -> FloatArray | float:
     """Return the variance a sample of the converters' rounding, shape (bins,); zero without any.
 
     No noise is below it.
@@ -263,7 +267,7 @@ def _earlier(series: NDArray[Any], span: slice, late: int) -> NDArray[Any]:
     return np.pad(known, (before, span.stop - span.start - known.size - before))
 
 
-def _powers_of_tones(tones: MeasuredResponse, response: Response) -> FloatArray:
+def _powers_of_tones(tones: MeasuredResponse, response: Transfer) -> FloatArray:
     """Return the sines' summands of the shares of the response's power."""
     residual = tones.response - response(tones.frequency_hz) * tones.reference
     return _sum_powers(

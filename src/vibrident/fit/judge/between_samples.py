@@ -106,14 +106,13 @@ def _of_samples_in_common(band_limited: Fitted) -> Fitted:
 
 
 def _of_all_samples(fitted: Fitted, records: tuple[Record, ...]) -> Fitted:
-    """Return a fit with the samples that were left out to compare it; itself where none does."""
-    evidence = replace(fitted.evidence, records=records)
-    start = replace(evidence, start=fitted.values)
-    try:
-        refit = Fitted.at_first(start, fitted.estimator, fitted.progress)
-    except VibridentError:
-        refit = fitted
-    return replace(refit, evidence=evidence, reason=fitted.reason)
+    """Return a fit with the samples that were left out to compare it.
+
+    It is the fit itself where that with all samples does not converge.
+    """
+    fitted = replace(fitted, evidence=replace(fitted.evidence, records=records))
+    refit = _fit_near(fitted, fitted.estimator, fitted.values)
+    return fitted if refit is None else replace(refit, reason=fitted.reason)
 
 
 def _likeliest_by_far(band_limited: Fitted, networks: Sequence[Ipnn]) -> Fitted:

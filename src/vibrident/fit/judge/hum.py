@@ -24,7 +24,7 @@ def with_hum(
 ) -> tuple[Record, ...]:
     """Return the records with the tones of their residuals, or these records where none is new.
 
-    Mains have one frequency: a tone of most records is in all.
+    Which tones of a record are in all, :func:`with_shared_tones` says.
 
     Args:
         records: the records.

@@ -7,7 +7,7 @@ the model is right. For records the points are the factors of bands
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -15,15 +15,13 @@ import numpy as np
 
 from vibrident.base.tails import f_tail
 from vibrident.data.records import FloatArray, Record
+from vibrident.fit.descent.weighted_bins import Transfer
 from vibrident.fit.response.response import ComplexArray, MeasuredResponse
 from vibrident.fit.response.verdict import REJECTION, as_chi2, chance_of, shrunk
 from vibrident.fit.uncertainty.factors import Factors
 
 if TYPE_CHECKING:
     from vibrident.fit.decay.deviations import DecayDeviation
-
-#: The model's complex sensitivity over frequency.
-Response = Callable[[FloatArray], ComplexArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +71,7 @@ class Points:
     unweighted: FloatArray | None = None
 
 
-def tone_points(tones: MeasuredResponse, response: Response, names: Sequence[str]) -> Points:
+def tone_points(tones: MeasuredResponse, response: Transfer, names: Sequence[str]) -> Points:
     """Return the points of sine records.
 
     ``response``: the model's complex sensitivity over frequency; ``names``: of the records, by
@@ -90,7 +88,7 @@ def tone_points(tones: MeasuredResponse, response: Response, names: Sequence[str
     )
 
 
-def factor_points(factors: Factors, record: Record, samples: int, response: Response) -> Points:
+def factor_points(factors: Factors, record: Record, samples: int, response: Transfer) -> Points:
     """Return a record's points from the factors of its bands.
 
     ``samples``: number of samples whose transform has the bins that the factors' places count.
