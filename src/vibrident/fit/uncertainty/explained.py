@@ -1,9 +1,10 @@
 """Shares of the response's power: what the model explains, and what any linear sensor could.
 
-The second share needs no model. In each block of bins the part of the response that no smooth
-response to the reference makes is incoherent
-(:func:`vibrident.fit.noise.projection.without_common`, over its degrees of freedom); the remainder
-is coherent. A model that explains nothing may be adequate in its own noise; the shares show it.
+The second share is at least the first, as the model is a linear sensor, and needs no model beyond
+that. In each block of bins the part of the response that no smooth response to the reference makes
+is incoherent (:func:`vibrident.fit.noise.projection.without_common`, over its degrees of freedom);
+the remainder is coherent. A model that explains nothing may be adequate in its own noise; the
+shares show it.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ class Shares:
 
     Attributes:
         explained: by the model.
-        coherent: by any linear sensor.
+        coherent: by any linear sensor, the model or one with a smooth response; never less.
         freedom: degrees of freedom of what is not coherent.
     """
 
@@ -111,6 +112,8 @@ def shares_of(parts: Sequence[FloatArray]) -> Shares:
         return UNKNOWN_SHARES
     # Of exponential powers the sum of squares says how many there are (Satterthwaite 1946).
     freedom = 4.0 * incoherent**2 / max(squares, np.finfo(float).tiny)
+    # A resonance narrower than a block is not smooth in it, but the model explains its response.
+    incoherent = min(incoherent, unexplained)
     return Shares(
         max(1.0 - unexplained / power, 0.0), max(1.0 - incoherent / power, 0.0), max(freedom, 1.0)
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property
@@ -101,6 +102,7 @@ def _field_counts(chunk: bytes, layout: CsvLayout) -> IntArray:
     return np.array(counts, dtype=np.int64)
 
 
+SAMPLED_ROWS = 16  # at the top of a file, which tell most columns from times
 MAX_LIGHT_BYTES = 1 << 20  # files up to this size are read without pandas: loading it takes longer
 PLAIN = b"0123456789+-eE\n"  # numbers and lines, beside delimiter and decimal sign
 
@@ -134,7 +136,7 @@ class CsvFile(ColumnFile):
         """Bring the text into the form that the parsers take; return whether that changed it."""
         changed = clean(self._text, self._layout, self.file)
         if changed:
-            for name in ("_row_lines", "_numbers", "_first_row"):
+            for name in ("_row_lines", "_numbers", "_sampled_rows"):
                 vars(self).pop(name, None)
         return changed
 
@@ -160,10 +162,28 @@ class CsvFile(ColumnFile):
                 for position in positions
             )
 
-    @cached_property
+    def may_rise(self, position: int) -> bool:
+        """Return whether the first rows and the last leave it possible that a column rises."""
+        delimiter = self._layout.delimiter
+        rows = [row for row in self._sampled_rows if position < len(row)]
+        cells = [respelled(row[position], delimiter) for row in rows]
+        if not all(self._layout.is_number(cell) for cell in cells):
+            return False
+        values = np.array([float(cell.replace(self._layout.decimal, ".")) for cell in cells])
+        return bool(np.all(np.diff(values) >= 0.0) and values[-1] > values[0])
+
+    @property
     def _first_row(self) -> list[str]:
+        return self._sampled_rows[0]
+
+    @cached_property
+    def _sampled_rows(self) -> list[list[str]]:
+        """Return the cells of the first rows and of the last."""
+        layout = self._layout
         with reading(self._path, self.expected):
-            return next((cells for _, cells in numbered_rows(self._text, self._layout)), [])
+            rows = itertools.islice(numbered_rows(self._text, layout), SAMPLED_ROWS)
+            last = layout.split(respelled(self._last_line(), layout.delimiter))
+            return [*(cells for _, cells in rows), last]
 
     def _stamps(self, position: int) -> Stamps:
         """Return a column of times of day, which is kept."""
@@ -278,22 +298,24 @@ class CsvFile(ColumnFile):
 
     def _refuse_summary(self) -> None:
         """Refuse a last row that begins with a word where others begin with a number."""
-        with self._text.open() as stream:
-            size = stream.seek(0, 2)
-            stream.seek(max(self._layout.offset, size - TAIL_BYTES))
-            tail = stream.read().decode(self._layout.encoding, errors="replace")
-        last = tail.rstrip().rpartition("\n")[2]
-        first = self._first_row[0] if self._first_row else ""
-        word = (self._layout.split(respelled(last, self._layout.delimiter)) or [""])[0]
+        first = (self._first_row or [""])[0]
+        word = (self._sampled_rows[-1] or [""])[0]
         numeric = self._layout.is_number(first) or is_stamp(first)
         if word[:1].isalpha() and word not in NO_VALUE and numeric:
             raise InputError(
                 "The last row of the file is not like the others.",
                 expected=f"rows that begin with a number, as line {self._layout.first_line} does",
-                found=repr(last.strip()[:60]),
+                found=repr(self._last_line().strip()[:60]),
                 where=f"{self.file}, line {self._row_lines[-1]}",
                 remedy="remove the lines below the data, such as mean and maximum",
             )
+
+    def _last_line(self) -> str:
+        with self._text.open() as stream:
+            size = stream.seek(0, 2)
+            stream.seek(max(self._layout.offset, size - TAIL_BYTES))
+            tail = stream.read().decode(self._layout.encoding, errors="replace")
+        return tail.rstrip().rpartition("\n")[2]
 
     def _text_error(self, positions: Positions, error: Exception) -> InputError:
         """Return the error of the first cell that the parser refused."""
