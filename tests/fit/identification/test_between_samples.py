@@ -261,3 +261,37 @@ def test_sines_that_no_course_explains_are_stated_as_the_estimator_of_points_sta
 def test_courses_are_compared_by_the_same_samples():
     """Noise in the 32 samples that a band-limited reference lacks made lines likelier by e^13, and fn 399 u off."""
     assert judged(BY_NAME["clean/above-light/shock/white 0.1 %"].trial(149))["class"] == "right"
+
+
+@pytest.mark.parametrize("levels", [(-1.0, 0.0, 1.0), (-1.0, -0.25, 0.25, 1.0)])
+def test_levels_of_a_drive_are_not_steps_of_its_converter(levels, rng):
+    """The spacing of three levels made u(S) 10 000 times that of two: a commanded value is exact."""
+    stated = {}
+    for drawn in (levels, (-1.0, 1.0)):
+        drive = rng.choice(drawn, 100).repeat(40)
+        omega = 2 * np.pi * 1.3
+        system = signal.lti([2.0 * omega**2], [1.0, 0.4 * omega, omega**2])
+        response = signal.lsim(system, drive, np.arange(4000) / RATE_HZ, interp=False)[1]
+        response = response + 1e-3 * rng.standard_normal(4000)
+        given = Calibration.from_arrays(drive, response, RATE_HZ, quantity="drive", excitation="random")
+        result = vibrident.identify(given, model="accelerometer")
+        stated[len(drawn)] = result.parameters["sensitivity"].standard_uncertainty
+        assert abs(result.parameters["sensitivity"].value - 2.0) < 4 * stated[len(drawn)]
+        assert result.settings["discretisation"] == "zoh"
+    assert stated[len(levels)] < 3 * stated[2]
+
+
+@pytest.mark.parametrize("seed", [1, 5])
+def test_a_drive_in_stairs_is_held_where_noise_hides_its_course(seed):
+    """A band-limited course was likelier by chance, with fewer samples, and fn 9 u off."""
+    rng = np.random.default_rng(seed)
+    drive = rng.choice([2.0, 2.3], 26).repeat(60)[:1500] + 0.004 * rng.standard_normal(1500)
+    omega = 2 * np.pi * 300.0
+    system = signal.lti([-5.0 * omega**2], [1.0, 1.4 * omega, omega**2])
+    response = signal.lsim(system, drive - drive.mean(), np.arange(1500) / 5e4, interp=False)[1]
+    response = response + 0.05 * np.std(response) * rng.standard_normal(1500) - 20.0
+    given = Calibration.from_arrays(drive, response, 5e4, quantity="drive", excitation="random")
+    result = vibrident.identify(given, model="accelerometer")
+    assert result.settings["discretisation"] == "zoh"
+    natural = result.parameters["natural_frequency"]
+    assert abs(natural.value - 300.0) < 4 * natural.standard_uncertainty

@@ -248,11 +248,15 @@ class WhitenedGroup:
     def tone_pull(self) -> FloatArray | None:
         """Return rows whose products are shifts of the coordinates, shape (R, P, 2 K).
 
-        With them a column moves the coordinates through the tone's parameters; None without a tone.
+        With them a column moves the coordinates through the tone's parameters, which were fitted
+        beside the tone's harmonics; None without a tone.
         """
         if self.tone is None or self.pull is None:
             return None
-        return self.pull @ inverse_where_shown(self.tone @ self.tone.mT) @ self.tone
+        waves = self.harmonics.reshape(len(self.records), -1, self.bins)
+        harmonic_rows = orthonormal(without(self.whiten(waves), self.basis))
+        tone = without(self.tone, harmonic_rows)
+        return self.pull @ inverse_where_shown(tone @ tone.mT) @ tone
 
     @functools.cached_property
     def comparison_rows(self) -> FloatArray:

@@ -62,7 +62,7 @@ def at_once(parts: Iterable[Part]) -> Iterator[list[Part]]:
 def parts_of(
     evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray], tones: Points | None
 ) -> Iterator[Part]:
-    """Return the parts of a fit of records, one after the other.
+    """Yield the parts of a fit of records, one after the other.
 
     Args:
         evidence: the data.
@@ -70,8 +70,16 @@ def parts_of(
         predicted: response of each record, NaN where it is not defined.
         tones: of the sine records, in the order of the evidence's; None without any.
     """
-    if not estimate.findings.method.is_exact or not evidence.records:
-        return iter(())
+    method = estimate.findings.method
+    if method.is_exact and evidence.records:
+        for part in _parts_by_estimate(evidence, estimate, predicted, tones):
+            yield replace(part, is_band_limited=method.is_band_limited)
+
+
+def _parts_by_estimate(
+    evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray], tones: Points | None
+) -> Iterator[Part]:
+    """Return the parts in the form in which the estimate fits them; as ``parts_of``."""
     if estimate.in_noise is not None:
         return _parts_of_segments(evidence, estimate, estimate.in_noise, predicted)
     if evidence.only_sines and evidence.model.is_linear and tones is not None:

@@ -45,6 +45,7 @@ class Part:
         pull: shift of the fit's coordinates by those of the record, shape (P, p); None: the same.
         turns: of the record's sine from sample to sample; None for other motion.
         known_noise: at the bins, where the fit read it of the same residual; else None.
+        is_band_limited: whether the fit supposes a band-limited reference between the samples.
     """
 
     record: Record
@@ -58,6 +59,7 @@ class Part:
     pull: FloatArray | None = None
     turns: float | None = None
     known_noise: NoiseSpectrum | None = None
+    is_band_limited: bool = True
 
     @property
     def columns_beside_noise(self) -> ComplexArray:

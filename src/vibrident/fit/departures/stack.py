@@ -17,7 +17,7 @@ from vibrident.fit.noise.reading import DOUBT_DEVIATIONS
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.rounding import TRIALS
 from vibrident.fit.response.transform import power_of
-from vibrident.fit.uncertainty.steps import rounding_in_residual
+from vibrident.fit.uncertainty.steps import converter_steps, rounding_in_residual
 
 #: Samples of the motion in time for each bin of the band: products of three signals alias behind
 #: the motion alone.
@@ -121,9 +121,7 @@ def group_of(
         jacobian = without(stack.whiten(slopes * (likely != 0.0)[:, None]), basis)
     else:  # the points of the sine hold what its tone says
         jacobian = np.zeros((len(signals), pull.shape[1], 2 * bins))
-        harmonic_rows = stack.whiten(harmonics.reshape(len(signals), -1, bins))
-        harmonic_rows = orthonormal(without(harmonic_rows, basis))
-        tone = without(without(stack.whiten(slopes), basis), harmonic_rows)
+        tone = without(stack.whiten(slopes), basis)
     counts = np.array(
         [np.sum(member.one_sided[bins_used]) * member.used.mean() for member in signals]
     )
@@ -257,8 +255,16 @@ def _errors_of_record(
     recurring = signals.predicted.copy()
     recurring[0] = 0.0
     predicted = np.asarray(fft.irfft(recurring, samples))
+    steps = converter_steps(signals.record, band_limited=signals.is_band_limited)
     errors = rounding_in_residual(
-        signals.record, signals.span, predicted, signals.used, noise_level, transfer, signals.turns
+        signals.record,
+        signals.span,
+        predicted,
+        signals.used,
+        steps,
+        noise_level,
+        transfer,
+        signals.turns,
     )
     rounding = np.zeros((2 * TRIALS, 2 * gain.size))
     if errors is not None:

@@ -157,6 +157,12 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
             )
         ]
         shares = shares_of(powers_by_record)
+    effects: list[SystematicEffect] = []
+    if model.is_linear:
+        band_limited = estimate.findings.method.is_band_limited
+        effects = effects_of_steps(
+            evidence.records, predicted, response, adequacy, band_limited=band_limited
+        )
     if shares.lacking:
         lack_of_fit = str(shares) if adequacy.adequate else f"{lack_of_fit} {shares}"
         adequacy = replace(adequacy, adequate=False)
@@ -169,9 +175,7 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
         weights=weights,
         tones=tones,
         points=tuple(points),
-        detected_effects=tuple(effects_of_steps(evidence.records, predicted, response, adequacy))
-        if model.is_linear
-        else (),
+        detected_effects=tuple(effects),
         shares=shares,
         least_explained=min(
             (shares_of([part]).explained for part in powers_by_record), default=1.0

@@ -38,6 +38,8 @@ from vibrident.physics.models.state_space import realise
 DELAY = "delay"
 ALIASING = "aliasing"  # of motion; a commanded step has any frequency
 WITHOUT_REFERENCE = "no band-limited reference is known beside them"
+#: A fit is far likelier than another by this fall of −2 log of the likelihood.
+MIN_FAR_GAIN = -2.0 * math.log(REJECTION)
 #: Course of a reference between its samples, by the discretisation that is exact for it.
 REASONS = {
     "zoh": "the reference is held between its samples, as stairs: zero-order hold",
@@ -123,7 +125,7 @@ def _likeliest_by_far(band_limited: Fitted, networks: Sequence[Ipnn]) -> Fitted:
     """
     fits = _fits(_of_samples_in_common(band_limited), networks, band_limited.values)
     adequate = [fitted for fitted in fits if fitted.adequate]
-    likeliest = _likeliest([band_limited, *adequate], min_gain=-2.0 * math.log(REJECTION))
+    likeliest = _likeliest([band_limited, *adequate], min_gain=MIN_FAR_GAIN)
     if likeliest is band_limited:
         return band_limited
     return _of_all_samples(likeliest, band_limited.evidence.records)
@@ -146,7 +148,7 @@ def _likeliest_of_all(band_limited: Fitted, networks: Sequence[Ipnn]) -> Fitted:
     adequate = [fitted for fitted in fits if fitted.adequate]
     if not adequate:
         return _closest(fits)
-    likeliest = _likeliest(adequate)
+    likeliest = _likeliest_by_common_samples(adequate)
     if likeliest is fits[0]:
         return likeliest
     evidence = band_limited.evidence
@@ -155,6 +157,39 @@ def _likeliest_of_all(band_limited: Fitted, networks: Sequence[Ipnn]) -> Fitted:
     # A hold is half a sample of delay: where no stairs are seen, none explains as well.
     from_delayed = _fit_near(band_limited, band_limited.estimator, likeliest.values)
     return from_delayed if from_delayed is not None and from_delayed.adequate else likeliest
+
+
+def _likeliest_by_common_samples(fits: Sequence[Fitted]) -> Fitted:
+    """Return the likeliest fit by the samples that all can use, where a band-limited one is first.
+
+    A drive in stairs is held, if no other course is far likelier: noise may hide which is true. A
+    fit by another course that does not converge with these samples is no likelier.
+    """
+    first = fits[0]
+    compared = list(fits)
+    originals = list(fits)
+    if len(fits) > 1 and first.estimate.in_noise is not None and _is_band_limited(first):
+        in_common = _of_samples_in_common(first)
+        refits = [_fit_near(in_common, fitted.estimator, fitted.values) for fitted in fits[1:]]
+        converged = [k for k, refit in enumerate(refits, start=1) if refit is not None]
+        compared = [first, *filter(None, refits)]
+        originals = [first, *(fits[k] for k in converged)]
+    held = [k for k, fitted in enumerate(compared) if _is_held(fitted)]
+    if not held or not _is_drive(first.evidence) or not has_stairs(first.evidence.records):
+        return originals[compared.index(_likeliest(compared))]
+    in_order = [compared[held[0]], *compared]
+    likeliest = _likeliest(in_order, min_gain=MIN_FAR_GAIN)
+    return originals[compared.index(likeliest)]
+
+
+def _is_held(fitted: Fitted) -> bool:
+    """Return whether a fit supposes a reference that is held between its samples."""
+    return isinstance(fitted.estimator, Ipnn) and fitted.estimator.discretisation == "zoh"
+
+
+def _is_band_limited(fitted: Fitted) -> bool:
+    """Return whether a fit supposes a band-limited reference."""
+    return fitted.estimate.findings.method.is_band_limited
 
 
 def _is_drive(evidence: Evidence) -> bool:

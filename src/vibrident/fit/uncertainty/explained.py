@@ -165,8 +165,16 @@ def powers(
     unexplained = power_of(bins.residual + noise_share * bins.predicted)
     measured_power = power_of(_without_drift(fft.rfft(measured, samples)[:lines], samples))
     measured_power += noise_share * expected
-    bin_powers = power_of(response), unexplained, incoherent, incoherent**2, measured_power
-    sums = np.array([np.sum((bin_power * counted)[band]) for bin_power in bin_powers])
+    known = counted * (1.0 - noise_share)
+    incoherent *= known
+    bin_powers = (
+        known * power_of(response),
+        known * unexplained,
+        incoherent,
+        incoherent**2,
+        known * measured_power,
+    )
+    sums = np.array([np.sum(bin_power[band]) for bin_power in bin_powers])
     sums[0] = min(sums[0], sums[-1])
     return sums[:-1]
 

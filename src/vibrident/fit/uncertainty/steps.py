@@ -48,6 +48,8 @@ def effects_of_steps(
     predicted: Sequence[FloatArray],
     response: Callable[[FloatArray], ComplexArray],
     points: Adequacy,
+    *,
+    band_limited: bool,
 ) -> list[SystematicEffect]:
     """Return the effects of steps that are not negligible; none if the noise exceeds the steps.
 
@@ -56,6 +58,7 @@ def effects_of_steps(
         predicted: response of each by the model, NaN where it is not defined.
         response: function from frequencies to the model's complex sensitivity.
         points: where the fit is judged.
+        band_limited: as of ``converter_steps``.
     """
     index_by_name = {record.name: index for index, record in enumerate(records)}
     record_index = np.array([index_by_name.get(name, -1) for name in points.record])
@@ -68,8 +71,9 @@ def effects_of_steps(
             and point_indices.size
             and not _is_single_synchronous_sine(record, motion, point_indices, points)
         ):
+            steps = converter_steps(record, band_limited=band_limited)
             patterns[:, point_indices] = _relative_errors(
-                record, series, response, points.frequency_hz[point_indices]
+                record, series, steps, response, points.frequency_hz[point_indices]
             ) / np.sqrt(TRIALS)
     return [
         effect
@@ -154,29 +158,40 @@ def _as_effects(patterns: ComplexArray, points: Adequacy) -> list[SystematicEffe
     return effects
 
 
-def _converter_steps(record: Record) -> tuple[float, float]:
-    """Return the steps of the converters of response and reference, zero where there are none."""
-    assert record.reference is not None
-    return (
-        converter_step(record.response, record.mask),
-        converter_step(record.reference, record.reference_mask),
-    )
+def converter_steps(record: Record, *, band_limited: bool) -> tuple[float, float]:
+    """Return the steps of the converters of response and reference, zero where there are none.
+
+    ``band_limited``: whether the reference moves smoothly between its samples. The values of one
+    that is held, or joined by lines, are exact, as they were commanded.
+    """
+    step = converter_step(record.response, record.mask)
+    if record.reference is None or not band_limited:
+        return step, 0.0
+    return step, converter_step(record.reference, record.reference_mask)
 
 
 def _relative_errors(
     record: Record,
     series: FloatArray,
+    steps: tuple[float, float],
     response: Callable[[FloatArray], ComplexArray],
     frequency_hz: FloatArray,
 ) -> ComplexArray:
     """Return the relative error of the response by both channels' steps, at each frequency.
 
-    Its shape is (2 TRIALS, frequencies); ``series``: the prediction, NaN where it is not defined.
+    Its shape is (2 TRIALS, frequencies).
+
+    Args:
+        record: the record.
+        series: the prediction, NaN where it is not defined, shape (samples,).
+        steps: of the converters of response and reference.
+        response: function from frequencies to the model's complex sensitivity.
+        frequency_hz: where the errors are wanted.
     """
     assert record.reference is not None
     relative_errors = np.zeros((2 * TRIALS, frequency_hz.size), dtype=complex)
     used = record.mask & np.isfinite(series)
-    step, reference_step = _converter_steps(record)
+    step, reference_step = steps
     if not used.any():
         return relative_errors
     predicted = np.where(used, series, 0.0)
@@ -199,6 +214,7 @@ def rounding_in_residual(
     span: slice,
     motion: FloatArray,
     used: BoolArray,
+    steps: tuple[float, float],
     variance: float,
     transfer: ComplexArray,
     turns: float | None,
@@ -214,6 +230,7 @@ def rounding_in_residual(
         span: of n samples of the record.
         motion: predicted response, shape (n,).
         used: samples that count, shape (n,).
+        steps: of the converters of response and reference.
         variance: of the noise between the lines of the residual, which includes errors that are
             noise.
         transfer: of the sensor at the bins, shape (bins,).
@@ -221,7 +238,7 @@ def rounding_in_residual(
     """
     if record.reference is None:
         return None
-    step, reference_step = _converter_steps(record)
+    step, reference_step = steps
     if not step and not reference_step:
         return None
     residual_errors = np.zeros((2 * TRIALS, used.size))
