@@ -17,6 +17,7 @@ from vibrident.fit.bins.record import RecordBins
 from vibrident.fit.bins.segments import (
     Drive,
     Segment,
+    between_gaps,
     driven_by,
     segment_of,
     transformable,
@@ -31,6 +32,7 @@ __all__ = [
     "RecordBins",
     "Segment",
     "Trained",
+    "between_gaps",
     "driven_by",
     "segment_of",
     "transfer_of",

@@ -31,6 +31,10 @@ _Step = TypeVar("_Step", StepInputs, StepFilters)
 
 #: Runs of at most so many samples keep all of them.
 MAX_UNCUT_SAMPLES = 1 << 13
+#: A longer gap divides a run.
+MAX_GAP_SAMPLES = 64
+#: Samples of the shortest piece between two gaps whose noise is read on its own.
+MIN_PIECE_SAMPLES = 1024
 #: Columns of a tone: cosine, sine, and both growing with time.
 TONE_COLUMNS = 4
 #: A tone is kept this fraction of a line off the lines, where its transform has poles; its slopes
@@ -266,6 +270,28 @@ def unbroken(usable: BoolArray) -> list[slice]:
     """Return the runs of True."""
     begins, ends = runs_of_true(usable)
     return [slice(*run) for run in zip(begins.tolist(), ends.tolist(), strict=True)]
+
+
+def between_gaps(run: slice, used: BoolArray) -> list[slice]:
+    """Return a run of usable steps without long gaps in the response and without unused ends.
+
+    What is behind a long gap has initial states of its own: far fewer numbers than the samples of
+    the gap are. Where a piece would be short, the run stays whole: it would not tell its noise.
+
+    Args:
+        run: the run.
+        used: samples of the response that are used, shape (samples,).
+    """
+    begins, ends = (edges + run.start for edges in runs_of_true(~used[run]))
+    kept = np.zeros(used.size, dtype=bool)
+    kept[run] = True
+    for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
+        is_inside = begin > run.start and end < run.stop
+        kept[begin:end] = is_inside and end - begin <= MAX_GAP_SAMPLES
+    pieces = unbroken(kept)
+    if any(piece.stop - piece.start < MIN_PIECE_SAMPLES for piece in pieces):
+        return [slice(pieces[0].start, pieces[-1].stop)]
+    return pieces
 
 
 def transformable(span: slice) -> slice:

@@ -111,16 +111,18 @@ def _parts_of_segments(
             )
             if used.sum() < MIN_SPECTRUM_SAMPLES:
                 continue
-            residual = place.rows.residual[row]
-            jacobian = place.rows.jacobian[row]
+            # Gaps are filled in by the bins that count; the others say nothing of them.
+            counted = slice(0, grid.last)
+            residual = place.rows.residual[row, counted]
+            jacobian = place.rows.jacobian[row, :, counted]
             jacobian = jacobian * estimate.coordinates.slopes(estimate.z)[:, None]
             if grid.samples <= MAX_PIECE_SAMPLES:
                 signals = (
                     residual,
-                    place.rows.predicted[row],
+                    place.rows.predicted[row, counted],
                     np.where(used, series, 0.0),
                     jacobian,
-                    place.rows.nuisances.of_row(row),
+                    place.rows.nuisances.of_row(row)[:, counted],
                 )
                 yield Part(
                     record,
@@ -128,7 +130,9 @@ def _parts_of_segments(
                     used,
                     *signals,
                     turns=tones.get(segment.record),
-                    known_noise=noise.spectrum_at(grid) if is_noise_known else None,
+                    known_noise=noise.spectrum_at(replace(grid, bins=grid.last))
+                    if is_noise_known
+                    else None,
                 )
                 continue
             pieces = _pieces(grid.samples)

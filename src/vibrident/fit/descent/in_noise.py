@@ -171,10 +171,11 @@ class GroupAt:
         """
         rows = self.rows
         weight = self.group.grid.counts / self.psd
-        columns = rows.nuisances.columns
+        columns = self.group.observable(rows.nuisances.columns, weight)
         nuisances = Nuisances.in_weight(columns, weight)
-        amounts = nuisances.amounts(rows.residual[:, None])
-        residual = rows.residual - combined(amounts, columns)[:, 0]
+        residual = self.group.observable(rows.residual[:, None], weight)
+        amounts = nuisances.amounts(residual)
+        residual = (residual - combined(amounts, columns))[:, 0]
         states = combined(amounts[:, :, : rows.order], columns[:, : rows.order])[:, 0]
         total = rows.amounts + amounts[:, 0]
         return FittedInAllBins(residual, rows.predicted + states, 1.0 - nuisances.leverage(), total)

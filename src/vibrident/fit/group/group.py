@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.bins.segments import Segment, shifted_lines, tone_bins
+from vibrident.fit.group.gaps import MAX_FILLED_SAMPLES, RowFilling
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import line_counts
 
@@ -133,6 +134,23 @@ class Bins:
     edges: bool = False
     aliased: bool = False
     used: BoolArray | None = None
+
+    def observable(self, rows: ComplexArray, weight: FloatArray) -> ComplexArray:
+        """Return signals with what the response shows of them alone, shape (R, i, K).
+
+        Values where it is not used are least squares in a weight of the bins, shape (R or 1, K), or
+        zero where there are many.
+        """
+        if self.used is None:
+            return rows
+        if np.max(np.sum(~self.used, axis=1)) > MAX_FILLED_SAMPLES:
+            return self.where_used(rows)
+        filled = np.array(np.broadcast_to(rows, (len(self.used), *rows.shape[1:])))
+        weights = np.broadcast_to(weight, (len(self.used), weight.shape[1]))
+        for row, used, weight_of_row in zip(filled, self.used, weights, strict=True):
+            if not used.all():
+                row[:] = RowFilling.in_weight(used, weight_of_row)(row)
+        return filled
 
     def where_used(self, rows: ComplexArray) -> ComplexArray:
         """Return signals set to zero where the response is not used, shape (R, i, K)."""

@@ -134,8 +134,9 @@ def evaluate(group: Bins, step: Step, weight: FloatArray) -> Rows:
     order = len(step.transfer.denominator) - 1
     forced = _driven(group, step.transfer.numerator[None], inverse)[:, 0]
     states = _states(shifted, inverse, order)
-    nuisances = Nuisances.in_weight(_nuisances(group, states, inverse), weight)
-    residual = group.response - group.where_used(forced[:, None])[:, 0]
+    columns = group.observable(_nuisances(group, states, inverse), weight)
+    nuisances = Nuisances.in_weight(columns, weight)
+    residual = group.observable((group.response - forced)[:, None], weight)[:, 0]
     amounts = nuisances.amounts(residual[:, None])
     residual -= combined(amounts, nuisances.columns)[:, 0]
     predicted = forced + combined(amounts[:, :, :order], states)[:, 0]
@@ -144,13 +145,13 @@ def evaluate(group: Bins, step: Step, weight: FloatArray) -> Rows:
     if step.slope is not None:
         relative = np.stack([horner(row, shifted) * inverse for row in step.slope.denominator], 1)
         jacobian = _driven(group, step.slope.numerator, inverse) - predicted[:, None] * relative
-        jacobian = group.where_used(jacobian)
+        jacobian = group.observable(jacobian, weight)
         jacobian -= nuisances.imitated(jacobian)
         # An image of a free motion that was not recorded turns quickly with its frequency, and
         # would follow the noise.
         if group.edges and not group.aliased:  # 1/a twice
             at_edges = combined(amounts[:, :, -order:], states * inverse[:, None])
-            edge_jacobian = group.where_used(-2.0 * at_edges * relative)
+            edge_jacobian = group.observable(-2.0 * at_edges * relative, weight)
             edge_jacobian -= nuisances.imitated(edge_jacobian)
     return Rows(
         residual, predicted, forced, jacobian, edge_jacobian, nuisances, amounts[:, 0], order
@@ -186,7 +187,7 @@ def _nuisances(group: Bins, states: ComplexArray, inverse: ComplexArray) -> Comp
     together = np.concatenate(columns, axis=1)
     if group.used is None:
         return together
-    return group.where_used(np.broadcast_to(together, (len(group.response), *together.shape[1:])))
+    return np.broadcast_to(together, (len(group.response), *together.shape[1:]))
 
 
 def _states(shifted: ComplexArray, inverse: ComplexArray, order: int) -> ComplexArray:

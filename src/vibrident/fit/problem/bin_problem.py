@@ -12,6 +12,7 @@ from vibrident.data.records import FloatArray, Record
 from vibrident.fit.bins import (
     Segment,
     Trained,
+    between_gaps,
     driven_by,
     segment_of,
     transformable,
@@ -60,7 +61,8 @@ class BinProblem(NetworkProblem):
         segments = tuple(
             segment_of(number, record, span, step, drive)
             for number, (record, step, drive) in enumerate(zip(records, steps, drives, strict=True))
-            for span in map(transformable, unbroken(step.usable))
+            for run in unbroken(step.usable)
+            for span in map(transformable, between_gaps(run, record.mask))
             if record.mask[span].sum() > frame.fewest
         )
         if not segments:
