@@ -121,6 +121,21 @@ def test_ringing_does_not_hide_the_ratio_of_the_clocks(offset, rng):
     assert nearby_offset(pair.records, 2, 2, delayed=False) == pytest.approx(offset, abs=1e-5)
 
 
+@pytest.mark.parametrize("offset", [1e-3, -5e-3])
+def test_the_ratio_is_found_where_a_displacement_is_small(offset, rng):
+    """Bins of motion were those of a loud reference: up to 500 Hz of a displacement, below the resonance at 900."""
+    samples, at = 24000, np.arange(24000) / RATE_HZ
+    hz = rng.uniform(40.0, 1500.0, 400)
+    lines = rng.standard_normal(hz.size) + 1j * rng.standard_normal(hz.size)
+    channels = []
+    for bins, time in ((-lines / hz**2, at), (lines * transfer(hz), at * (1 + offset))):
+        blocks = [np.exp(2j * np.pi * np.multiply.outer(block, hz)) @ bins for block in np.split(time, 24)]
+        channel = np.concatenate(blocks).real
+        channels.append(channel + 1e-4 * np.std(channel) * rng.standard_normal(samples))
+    pair = Calibration.from_arrays(*channels, RATE_HZ, quantity="displacement", excitation="random")
+    assert clock_offset(pair.records) == pytest.approx(offset, abs=3e-5)
+
+
 @pytest.mark.draws(1, 15)
 @pytest.mark.parametrize("kind", ["random", "sweep", "multisine", "shock"])
 def test_one_clock_is_not_taken_for_two(kind, draws):

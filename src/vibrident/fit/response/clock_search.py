@@ -27,7 +27,9 @@ MAX_OFFSET = 0.045  # of a clock without crystal: 4 %, and a margin
 #: Unexplained fraction of the response, 0.14 rad, below which a departure serves to first order.
 FIRST_ORDER = 0.02
 MAX_ORDER = 6  # of the transfer function: two modes and a high-pass, or a delay of a period
-MIN_POWER = 1e-4  # of a bin over the strongest of its record, to count as motion
+#: Of a bin over the strongest of its record, to count as motion: power of both channels, as a
+#: geometric mean.
+MIN_POWER = 1e-4
 LOBE_BINS = 7  # of a tone under the window
 #: Bins of a squared Hann window about a bin.
 WINDOW_BINS = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 16.0
@@ -93,11 +95,15 @@ class _Channels:
         """Return the reference in a band that holds all of the motion, cached by length."""
         if samples not in self._motions:
             n = min(samples, self.samples)
-            reference = fft.rfft(self.reference[:n])
+            reference, response = (fft.rfft(x[:n]) for x in (self.reference, self.response))
             highest = min(int(USABLE_BAND * n), n // 2 - WINDOW_REACH)
             usable = np.arange(WINDOW_REACH + 1, highest + 1)
-            power = power_of(WINDOW_BINS @ _neighbours(reference, usable))
-            bins = usable[power >= MIN_POWER * np.max(power)]
+            # That of both channels: a displacement is small where an acceleration is large.
+            size, response_size = (
+                np.abs(WINDOW_BINS @ _neighbours(x, usable)) for x in (reference, response)
+            )
+            size *= _largest_around(response_size, usable)
+            bins = usable[size >= MIN_POWER * np.max(size)]
             first = max(int(bins[0] * (1.0 - MAX_OFFSET)) - 2, WINDOW_REACH)
             last = min(int(bins[-1] * (1.0 + MAX_OFFSET)) + 3, n // 2 + 1 - WINDOW_REACH)
             hz = np.asarray(bins * (self.rate_hz / n), dtype=float)
@@ -182,6 +188,21 @@ def _delay_samples(motion: _Motion, response: ComplexArray) -> int:
     peak = int(np.argmax(np.abs(fft.irfft(ratio, n))))
     peak = peak if peak < n // 2 else peak - n
     return peak if abs(peak) >= MIN_DELAY_SAMPLES else 0
+
+
+def _largest_around(values: FloatArray, bins: NDArray[np.int_]) -> FloatArray:
+    """Return the largest of the values about each bin, as far as a clock may move its frequency.
+
+    Args:
+        values: at the bins, shape (K,).
+        bins: consecutive ones, shape (K,).
+    """
+    bands = np.floor(np.log(bins) / np.log1p(MAX_OFFSET)).astype(int)
+    begins = np.flatnonzero(np.diff(bands, prepend=-1))
+    largest = np.maximum.reduceat(values, begins)
+    padded = np.pad(largest, 2)
+    around = np.max([padded[k : k + largest.size] for k in range(5)], axis=0)
+    return np.repeat(around, np.diff(begins, append=bins.size))
 
 
 def _neighbours(lines: ComplexArray, bins: NDArray[np.int_]) -> ComplexArray:
