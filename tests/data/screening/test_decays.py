@@ -40,6 +40,28 @@ def test_a_motion_that_grows_goes_on(growth: float, rng: np.random.Generator) ->
     assert said >= 14
 
 
+SWELLING = {
+    "beats": lambda rng: np.sin(0.03 * T) + 0.8 * np.sin(0.032 * T + rng.uniform(0.0, 6.3)),
+    "a modulated tone": lambda rng: np.sin(0.08 * T) * (1.0 + 0.4 * np.cos(0.002 * T + rng.uniform(0.0, 6.3))),
+    "noise in a band": lambda rng: np.convolve(rng.standard_normal(N + 399), np.sin(np.arange(400) * 0.1), "valid"),
+}
+
+
+@pytest.mark.parametrize("motion", SWELLING.values(), ids=SWELLING)
+def test_what_swells_again_goes_on(motion, rng: np.random.Generator) -> None:
+    """Each was an adequate free decay of damping zero, or fitted for half a minute."""
+    said = 0
+    for _ in range(20):
+        said += is_sustained(motion(rng) + 0.01 * rng.standard_normal(N), np.ones(N, dtype=bool))
+    assert said >= 17
+
+
+def test_two_modes_that_beat_as_they_die_away_do_not_go_on(rng: np.random.Generator) -> None:
+    for _ in range(20):
+        beating = np.sin(0.3 * T) + np.sin(0.305 * T + rng.uniform(0.0, 6.3))
+        assert not is_sustained(np.exp(-2.5 * T / N) * beating + 1e-3 * rng.standard_normal(N), np.ones(N, dtype=bool))
+
+
 @pytest.mark.parametrize("lives", [0.01, 0.1, 1.0, 10.0])
 @pytest.mark.parametrize("noise", [1e-4, 0.1])
 @pytest.mark.parametrize("begins", [0, 1500])

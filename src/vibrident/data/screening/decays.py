@@ -9,7 +9,8 @@ from vibrident.data.records import BoolArray, FloatArray
 #: Pieces of time, and the fewest samples of each.
 PIECES = 16
 MIN_SAMPLES = 32
-#: Largest ratio of the powers of two pieces in a motion that goes on.
+#: Largest ratio of the powers of two pieces in a motion that is steady. Of one that goes on, the
+#: largest in its second half is no further below the largest in its first.
 MAX_RATIO = 2.0
 #: Largest power of a line in a piece over the median of the pieces: noise hardly ever exceeds it.
 MAX_LINE_RATIO = 60.0
@@ -20,10 +21,12 @@ MIN_CHANGE = 5e-3
 
 
 def is_sustained(response: FloatArray, valid: BoolArray) -> bool:
-    """Tell whether a response is as large at the end of a record as ever before.
+    """Tell whether a response goes on: it is as large in the second half of a record as before.
 
-    From the first large piece on, the total power and that of each line are much the same in all
-    pieces, and the strongest line does not fall.
+    No line is far stronger in one piece than it mostly is, as one that dies away beside hum. Where
+    the power is much the same from the first large piece on, the strongest line must not fall, as
+    that of a hardly damped decay does. Where it is not, the motion must swell again, as beats,
+    noise and modulated tones do.
 
     Args:
         response: shape (samples,).
@@ -37,12 +40,16 @@ def is_sustained(response: FloatArray, valid: BoolArray) -> bool:
     power = np.sum(moving**2, axis=1)
     is_large = MAX_RATIO * power > np.max(power)
     first = int(np.argmax(is_large))
-    if not is_large[first:].all():
+    half = PIECES // 2
+    if MAX_RATIO * np.max(power[half:]) < np.max(power[:half]):
         return False
     lines = np.abs(np.fft.rfft(moving[first:] * np.hanning(length), axis=1)) ** 2
     if np.any(np.max(lines, axis=0) > MAX_LINE_RATIO * np.median(lines, axis=0)):
         return False
-    return not _strongest_line_falls(response[first * length :])
+    if is_large[first:].all():
+        return not _strongest_line_falls(response[first * length :])
+    lowest_before = np.minimum.accumulate(power[first:])
+    return bool(np.any(power[first:] > MAX_RATIO * lowest_before))
 
 
 def _strongest_line_falls(response: FloatArray) -> bool:

@@ -102,9 +102,7 @@ def without_steady_decays(
         InputError: no record is left.
     """
     steady = [r for r in records if r.excitation == "decay" and is_sustained(r.response, r.mask)]
-    text = (
-        "the response does not die away, it is as large at the end as ever; the record is left out."
-    )
+    text = "the response does not die away, it is as large late as early; the record is left out."
     findings = [ScreeningFinding("dead_channel", f"{record.name}: {text}") for record in steady]
     return _require_records([record for record in records if record not in steady], findings)
 
