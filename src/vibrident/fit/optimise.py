@@ -27,6 +27,10 @@ MAX_SLOW_GAIN = 0.01
 #: Directions of which the residual says less than this, relative to the best, promise no gain.
 MIN_EIGENVALUE = 1e-14
 
+NO_START = (
+    "No start value gives a finite fit: the records do not show how the response follows the "
+    "reference. Check columns, rate and units; a step needs samples of rest before it."
+)
 NOT_FINITE = (
     "The cost is not finite at the start values: the discretisation is unstable for this sensor at "
     "this sampling rate (Euler needs Ts < 2 δ/ωn), or the records hold values that cannot be "

@@ -68,9 +68,9 @@ def test_a_unit_that_contradicts_a_channel_is_refused(tmp_path, names, head, wor
     assert words in caught.value.remedy
 
 
-@pytest.mark.parametrize("name", ["out (pC)", "out [counts]", "out (mA)"])
+@pytest.mark.parametrize("name", ["out (pC)", "out [counts]", "out (mA)", "out [%]", "out [mV/V]"])
 def test_a_response_in_another_unit_than_stated_needs_a_scale(tmp_path, name):
-    """Charge, or a converter's counts, for volts. Another scale may be any gain."""
+    """Charge, a ratio, or a converter's counts, for volts. Another scale may be any gain."""
     path = write_records(tmp_path, "t", 1.0, names=("ref", name), sampling="rate_hz = 2000.0")
     stated = path.read_text() + 'unit = "V"\n'
     path.write_text(stated)
@@ -80,7 +80,9 @@ def test_a_response_in_another_unit_than_stated_needs_a_scale(tmp_path, name):
     assert read(path).response_unit == "V"
 
 
-@pytest.mark.parametrize(("name", "unit"), [("out (pC)", "pC"), ("out [counts]", "counts"), ("out (V)", "V")])
+@pytest.mark.parametrize(
+    ("name", "unit"), [("out (pC)", "pC"), ("out [counts]", "counts"), ("out (V)", "V"), ("out [%]", "%")]
+)
 def test_the_header_tells_the_unit_of_a_response_where_none_is_stated(tmp_path, name, unit):
     """Charge became volts without a word."""
     path = write_records(tmp_path, "t", 1.0, names=("ref", name), sampling="rate_hz = 2000.0")

@@ -342,3 +342,14 @@ def test_a_column_that_is_a_time_may_rise(tmp_path_factory, cells):
         return
     is_time = bool(np.all(np.diff(values) >= 0.0) and values[-1] > values[0])
     assert file.may_rise(1) or not is_time
+
+
+def test_rounding_repeats_times_at_a_stated_rate(tmp_path):
+    """10 240 Hz in steps of 0.1 ms: two rows in forty-two have one time; 10 000 Hz was read, and the rate refused."""
+    time = np.arange(3000) / 10240.0
+    columns(tmp_path / "x.csv", t=decimals(time, 4), a=decimals(motion(time)), v=decimals(answer(time)))
+    (record,) = read(calibration(tmp_path, sampling="rate_hz = 10240")).records
+    assert record.samples == 3000
+    assert record.sampling_rate_hz == 10240.0
+    with pytest.raises(InputError, match="give rate_hz where they are rounded"):
+        read(calibration(tmp_path, sampling='time_column = "t"'))

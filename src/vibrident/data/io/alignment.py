@@ -218,9 +218,9 @@ def _require_repeats(channel: ClockedChannel, timeline: Timeline) -> None:
         raise InputError(
             "Two different values have the same time.",
             expected="one value a time",
-            found=f"{values[row]!r} after {values[first_of_time[row]]!r}",
+            found=f"{float(values[row])!r} after {float(values[first_of_time[row]])!r}",
             where=channel.column.source.locate(channel.column.position, row),
-            remedy="write the times with more digits, or give rate_hz and remove the times",
+            remedy="write the times with more digits, or give rate_hz where they are rounded",
         )
 
 

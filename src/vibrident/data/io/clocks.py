@@ -221,7 +221,7 @@ class ClockReader:
                 return None
             backwards = np.count_nonzero(np.diff(times) < 0.0)
             is_sorted = backwards <= _MAX_BACKWARDS * times.size
-            timeline = timeline_of(column, times, unit_s) if is_sorted else None
+            timeline = timeline_of(column, times, unit_s, self.stated_hz) if is_sorted else None
         except InputError:  # text, missing ones, or times that go back: no clock
             if needed:
                 raise

@@ -322,7 +322,8 @@ def response_unit(column: SourceColumn, section: ResponseSection) -> str:
 
 
 def _is_time_like(unit: Unit) -> bool:
-    return {base for base, _ in unit.dimension} <= {"s", "rad"}
+    bases = {base for base, _ in unit.dimension}
+    return bool(bases) and bases <= {"s", "rad"}
 
 
 def response_conversion(

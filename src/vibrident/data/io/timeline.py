@@ -75,13 +75,19 @@ class Timeline:
         return int(self.raster_index[-1]) + 1 - self.raster_index.size
 
 
-def timeline_of(column: SourceColumn, times: FloatArray, unit_s: float | None = None) -> Timeline:
+def timeline_of(
+    column: SourceColumn,
+    times: FloatArray,
+    unit_s: float | None = None,
+    stated_hz: float | None = None,
+) -> Timeline:
     """Return the timeline of a column of times, in the unit of its header.
 
     Args:
         column: of a file.
         times: shape (rows,), as the file gives them.
         unit_s: seconds in a unit of the times where that is known; None: by the header.
+        stated_hz: as of ``timeline_from``.
 
     Raises:
         InputError: a time is missing, the unit is not plausible, times go back, or no even raster
@@ -107,7 +113,7 @@ def timeline_of(column: SourceColumn, times: FloatArray, unit_s: float | None = 
     if start is None or not source.in_seconds(position):
         first_s = float(times[0]) * seconds
         start = StartTime(round(first_s * 1e9), epoch=_EPOCH_S[0] <= first_s < _EPOCH_S[1])
-    return timeline_from(times, start, locate, seconds, note)
+    return timeline_from(times, start, locate, seconds, note, stated_hz)
 
 
 def timeline_from(
@@ -116,6 +122,7 @@ def timeline_from(
     locate: Locate,
     seconds: float = 1.0,
     note: str = "",
+    stated_hz: float | None = None,
 ) -> Timeline:
     """Return the timeline of times.
 
@@ -125,6 +132,8 @@ def timeline_from(
         locate: description of a row's place, for messages.
         seconds: in a unit of the times.
         note: passed on.
+        stated_hz: rate that is stated beside the times. A time that repeats is no doubled sample
+            where rounding repeats it at this rate.
 
     Raises:
         InputError: as :func:`timeline_of`.
@@ -139,8 +148,14 @@ def timeline_from(
     rows = np.concatenate([[0], np.flatnonzero(steps > 0) + 1])
     if rows.size < 2 or rows.size < (1.0 - _MAX_LOST) * elapsed_s.size:
         raise _uneven("The times do not increase.", "the same time in most rows", locate(1))
-    times_s = elapsed_s[rows]
-    raster_index, interval, origin = _raster(times_s, lambda index: locate(int(rows[index])))
+    if _rounding_repeats(elapsed_s, rows, stated_hz, resolution_s):
+        rows = np.arange(elapsed_s.size)
+        times_s = elapsed_s
+        raster_index = rows
+        interval, origin = _regression(rows, elapsed_s)
+    else:
+        times_s = elapsed_s[rows]
+        raster_index, interval, origin = _raster(times_s, lambda index: locate(int(rows[index])))
     deviation = times_s - origin - interval * raster_index
     rounding_s = _rounding(times_s, resolution_s)
     span = float(np.max(deviation) - np.min(deviation))
@@ -151,6 +166,23 @@ def timeline_from(
     begin = StartTime(start.ns + round(origin * 1e9), start.epoch)
     clock = Clock(1.0 / interval, spread, begin)
     return Timeline(clock, rows, raster_index, offsets, max(rounding_s, resolution_s), note)
+
+
+def _rounding_repeats(
+    elapsed_s: FloatArray, rows: IntArray, rate_hz: float | None, resolution_s: float
+) -> bool:
+    """Tell whether times that repeat are those of an even clock of a rate, rounded.
+
+    Args:
+        elapsed_s: of all rows, shape (rows,).
+        rows: whose time is not that of the row before.
+        rate_hz: of the clock; None where it is not known.
+        resolution_s: of a time as a number, s.
+    """
+    if rate_hz is None or rows.size == elapsed_s.size:
+        return False
+    deviation = elapsed_s - np.arange(elapsed_s.size) / rate_hz
+    return bool(np.ptp(deviation) <= _MAX_SPAN * _rounding(elapsed_s[rows], resolution_s))
 
 
 def _raster(times: FloatArray, locate: Locate) -> tuple[IntArray, float, float]:

@@ -37,7 +37,7 @@ MAX_GAP_SAMPLES = 64
 MIN_PIECE_SAMPLES = 1024
 #: Columns of a tone: cosine, sine, and both growing with time.
 TONE_COLUMNS = 4
-#: A tone is kept this fraction of a line off the lines, where its transform has poles; its slopes
+#: A tone is in_piece this fraction of a line off the lines, where its transform has poles; its slopes
 #: compensate for that.
 MIN_LINE_DISTANCE = 1e-3
 
@@ -283,12 +283,12 @@ def between_gaps(run: slice, used: BoolArray) -> list[slice]:
         used: samples of the response that are used, shape (samples,).
     """
     begins, ends = (edges + run.start for edges in runs_of_true(~used[run]))
-    kept = np.zeros(used.size, dtype=bool)
-    kept[run] = True
+    in_piece = np.zeros(used.size, dtype=bool)
+    in_piece[run] = True
     for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
         is_inside = begin > run.start and end < run.stop
-        kept[begin:end] = is_inside and end - begin <= MAX_GAP_SAMPLES
-    pieces = unbroken(kept)
+        in_piece[begin:end] = is_inside and end - begin <= MAX_GAP_SAMPLES
+    pieces = unbroken(in_piece)
     if any(piece.stop - piece.start < MIN_PIECE_SAMPLES for piece in pieces):
         return [slice(pieces[0].start, pieces[-1].stop)]
     return pieces

@@ -14,6 +14,7 @@ import numpy as np
 
 from vibrident.base.errors import NotConverged
 from vibrident.fit.noise.averages import averaged_bins, typical, windowed
+from vibrident.fit.optimise import NO_START
 from vibrident.fit.problem.band import Band
 from vibrident.fit.response.transform import power_of
 from vibrident.fit.start.coarse import coarse_rows
@@ -83,7 +84,7 @@ def candidates(band: Band, observed: MotionAndNoise, most: int) -> list[StartCan
     if front and (added or core_has_starts):
         front = descent.refined(front)
     if not front:
-        raise NotConverged("No start value gives a finite fit: are the columns and units right?")
+        raise NotConverged(NO_START)
     return front[:most]
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from vibrident.base.errors import NotConverged
 from vibrident.data.records import FloatArray
 from vibrident.fit.information import laplace_score
+from vibrident.fit.optimise import NO_START
 from vibrident.fit.problem import FrequencyProblem
 from vibrident.fit.start.candidates import MIN_DEVIATION, candidates, likely, with_guesses
 from vibrident.fit.start.rational import two_modes
@@ -148,7 +149,7 @@ def _finite(front: Population, count: int, apart: float = 0.0) -> np.ndarray:
     """
     rows = front.best(count, apart)
     if not rows.size:
-        raise NotConverged("No start value gives a finite fit: are the columns and units right?")
+        raise NotConverged(NO_START)
     return rows
 
 
@@ -249,7 +250,7 @@ def _require_use(front: Population, most: float) -> None:
         NotConverged: no candidate is of use.
     """
     if not np.any(front.cost <= most):
-        raise NotConverged("No start value gives a fit of use: are the columns and units right?")
+        raise NotConverged(NO_START)
 
 
 def extended(
