@@ -37,7 +37,7 @@ MAX_GAP_SAMPLES = 64
 MIN_PIECE_SAMPLES = 1024
 #: Columns of a tone: cosine, sine, and both growing with time.
 TONE_COLUMNS = 4
-#: A tone is in_piece this fraction of a line off the lines, where its transform has poles; its slopes
+#: A tone is kept this fraction of a line off the lines, where its transform has poles; its slopes
 #: compensate for that.
 MIN_LINE_DISTANCE = 1e-3
 

@@ -50,7 +50,8 @@ class RowFilling:
         kernel = _summed_over_bins(weight, used.size)
         gram = kernel[np.abs(places[:, None] - places)]
         gram[np.diag_indices(places.size)] += RIDGE * kernel[0]
-        return cls(places, weight, used.size, np.linalg.inv(np.linalg.cholesky(gram)))
+        root: FloatArray = np.asarray(np.linalg.inv(np.linalg.cholesky(gram)), dtype=float)
+        return cls(places, weight, used.size, root)
 
     def __call__(self, rows: ComplexArray) -> ComplexArray:
         """Return rows (i, K) with the values in the gaps that fit them best."""
