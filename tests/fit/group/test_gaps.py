@@ -26,6 +26,13 @@ def test_filled_rows_have_nothing_in_common_with_an_impulse_in_a_gap(samples, rn
     np.testing.assert_allclose(np.fft.irfft(filled, samples)[:, used], np.fft.irfft(rows, samples)[:, used], atol=1e-12)
 
 
+def test_gaps_of_a_segment_of_no_weight_stay_zero(rng):
+    """A record that counts nowhere, in the noise that was read, has nothing to be filled by."""
+    used = np.arange(40) != 7
+    rows = np.fft.rfft(rng.standard_normal((2, 40)) * used)
+    np.testing.assert_array_equal(RowFilling.in_weight(used, np.zeros(21))(rows), rows)
+
+
 def sharp(gap):
     """A resonance of damping 0.005, of which the reference's noise of 1 % rings far above the response's."""
     rng = np.random.default_rng(40)

@@ -45,9 +45,14 @@ class RowFilling:
 
     @classmethod
     def in_weight(cls, used: BoolArray, weight: FloatArray) -> RowFilling:
-        """Return the filling of what is not used, shape (N,), in a weight of the bins (K,)."""
+        """Return the filling of what is not used, shape (N,), in a weight of the bins (K,).
+
+        The gaps stay zero in a segment of no weight.
+        """
         places = np.flatnonzero(~used)
         kernel = _summed_over_bins(weight, used.size)
+        if kernel[0] == 0.0:
+            return cls(places, weight, used.size, np.zeros((places.size, places.size)))
         gram = kernel[np.abs(places[:, None] - places)]
         gram[np.diag_indices(places.size)] += RIDGE * kernel[0]
         root: FloatArray = np.asarray(np.linalg.inv(np.linalg.cholesky(gram)), dtype=float)
