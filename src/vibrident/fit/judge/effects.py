@@ -11,8 +11,16 @@ from vibrident.base.amounts import amount, plain
 from vibrident.data.records import FloatArray, SystematicEffect
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.judge.adequacy import Judgement
+from vibrident.fit.judge.misfit import describe_furthest
 from vibrident.fit.problem import Evidence
-from vibrident.fit.response.verdict import REJECTION, as_chi2, chance_of, probability, shrunk
+from vibrident.fit.response.verdict import (
+    REJECTION,
+    as_chi2,
+    chance_of,
+    only_one_is_far,
+    probability,
+    shrunk,
+)
 from vibrident.fit.uncertainty.budget import Explained, Weighted, effects_of, explain, patterns
 from vibrident.fit.uncertainty.linearised import Linearised
 
@@ -65,7 +73,7 @@ def allowing_for_effects(evidence: Evidence, estimate: Estimate, judgement: Judg
     if adequacy.adequate or adequacy.chance < REJECTION:
         adequate = believed and _probability_of_remainder(judgement, explained, chi2) >= REJECTION
         text = (
-            _describe_misfit(judgement, chi2 / degrees)
+            _describe_misfit(judgement, explained, chi2 / degrees)
             if believed
             else _describe_large_effect(effects, explained)
         )
@@ -116,19 +124,32 @@ def _probability_of_remainder(judgement: Judgement, explained: Explained, chi2: 
     degrees = judgement.adequacy.degrees_of_freedom
     if not judgement.points:
         return probability(chi2, degrees)
+    return chance_of(_remainder(judgement, explained), degrees, _other_chi2(judgement, explained))
+
+
+def _remainder(judgement: Judgement, explained: Explained) -> FloatArray:
+    """Return χ² of two degrees of freedom of what the effects leave of each point, shape (n,)."""
     freedom = _freedom(judgement)
     squares = np.sum(np.square(explained.residual.reshape(2, -1)), axis=0) / shrunk(freedom)
-    other_chi2 = judgement.adequacy.decays + float(explained.amounts @ explained.amounts)
-    return chance_of(as_chi2(squares, freedom), degrees, other_chi2)
+    return as_chi2(squares, freedom)
 
 
-def _describe_misfit(judgement: Judgement, chi2_reduced: float) -> str:
+def _other_chi2(judgement: Judgement, explained: Explained) -> float:
+    """Return χ² of the free decays and of the effects' amounts."""
+    return judgement.adequacy.decays + float(explained.amounts @ explained.amounts)
+
+
+def _describe_misfit(judgement: Judgement, explained: Explained, chi2_reduced: float) -> str:
     """Return the sentence on deviations that effects do not explain."""
+    degrees = judgement.adequacy.degrees_of_freedom
+    if judgement.points:
+        points = _remainder(judgement, explained)
+        if only_one_is_far(points, degrees, _other_chi2(judgement, explained)):
+            return describe_furthest(judgement.adequacy, points, chi2_reduced)
     return (
         f"The model does not explain the data: deviations are {plain(chi2_reduced**0.5, 3)} times "
         "what noise and the stated systematic effects explain together "
-        f"(χ²/dof = {plain(chi2_reduced, 4)}, "
-        f"{judgement.adequacy.degrees_of_freedom} degrees of freedom)."
+        f"(χ²/dof = {plain(chi2_reduced, 4)}, {degrees} degrees of freedom)."
     )
 
 

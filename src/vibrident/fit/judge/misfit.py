@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vibrident.base.amounts import plain
+from vibrident.data.records import FloatArray
+from vibrident.fit.response.verdict import as_chi2, only_one_is_far
 from vibrident.fit.uncertainty.adequacy import Adequacy, Points
 
 if TYPE_CHECKING:
@@ -30,6 +32,9 @@ def describe_misfit(
     chi2 = adequacy.chi2_reduced or 0.0
     squares = np.concatenate([group.squares for group in points])
     index = int(np.argmax(squares))
+    squares_as_chi2 = as_chi2(squares, np.concatenate([group.freedom for group in points]))
+    if only_one_is_far(squares_as_chi2, adequacy.degrees_of_freedom, adequacy.decays):
+        return describe_furthest(adequacy, squares_as_chi2, chi2)
     hz = adequacy.frequency_hz[index : index + 1]
     difference_percent = 100 * abs(response(hz)[0] / adequacy.measured[index] - 1.0)
     worst = (
@@ -43,6 +48,23 @@ def describe_misfit(
         "The model does not explain the data: deviations at the excited frequencies are "
         f"{plain(chi2**0.5, 3)} times what the noise explains "
         f"(χ²/dof = {plain(chi2, 4)}, {adequacy.degrees_of_freedom} degrees of freedom){worst}."
+    )
+
+
+def describe_furthest(adequacy: Adequacy, points: FloatArray, chi2_reduced: float) -> str:
+    """Return the sentence on a model that is rejected at one frequency alone.
+
+    Args:
+        adequacy: of the model.
+        points: χ² of two degrees of freedom of each frequency, shape (n,).
+        chi2_reduced: χ²/ν of all.
+    """
+    index = int(np.argmax(points))
+    return (
+        f"The model does not explain the data at {adequacy.frequency_hz[index]:.4g} Hz: it is "
+        f"{plain(float(points[index]) ** 0.5, 3)} standard deviations off there. At all "
+        "frequencies together it is no further off than noise makes it "
+        f"(χ²/dof = {plain(chi2_reduced, 4)}, {adequacy.degrees_of_freedom} degrees of freedom)."
     )
 
 

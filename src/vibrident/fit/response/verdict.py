@@ -53,3 +53,9 @@ def chance_of(points: FloatArray, degrees: int, other_chi2: float = 0.0) -> floa
     furthest = len(points) * float(np.exp(-0.5 * np.max(points)))
     total = probability(float(np.sum(points)) + other_chi2, degrees)
     return min(1.0, 2.0 * min(total, furthest))
+
+
+def only_one_is_far(points: FloatArray, degrees: int, other_chi2: float = 0.0) -> bool:
+    """Return whether a model is rejected by the furthest point alone; arguments as of chance_of."""
+    total = probability(float(np.sum(points)) + other_chi2, degrees)
+    return 2.0 * total >= REJECTION > chance_of(points, degrees, other_chi2)

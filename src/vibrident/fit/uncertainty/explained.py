@@ -107,7 +107,8 @@ UNKNOWN_SHARES = Shares()
 
 def shares_of(parts: Sequence[FloatArray]) -> Shares:
     """Return the shares of all records together; ``parts``: of each by :func:`powers`."""
-    power, unexplained, incoherent, squares = np.sum(parts, axis=0) if len(parts) else np.zeros(4)
+    sums = np.sum(parts, axis=0) if len(parts) else np.zeros(4)
+    power, unexplained, incoherent, squares = sums.tolist()
     if not power > 0.0:
         return UNKNOWN_SHARES
     # Of exponential powers the sum of squares says how many there are (Satterthwaite 1946).
