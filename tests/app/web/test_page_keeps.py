@@ -37,7 +37,7 @@ def is_there(page) -> None:
 
 
 @pytest.mark.parametrize("width", [1280, 390])
-@pytest.mark.quick("1280")
+@pytest.mark.slow
 def test_a_reload_loses_nothing_a_closed_tab_is_offered_in_the_next_and_to_start_anew_asks(
     browser, server, picture, tmp_path, width
 ):

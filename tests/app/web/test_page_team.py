@@ -54,6 +54,7 @@ def test_signing_in_by_keyboard(browser, team, looks, violations, sound):
     context.close()
 
 
+@pytest.mark.slow
 def test_a_role_that_looks_sees_results_and_identifies_nothing(browser, team, tmp_path):
     (tmp_path / "a.csv").write_text(ROWS)
     result = table2().save(tmp_path / "earlier.json")

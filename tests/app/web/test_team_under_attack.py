@@ -144,6 +144,7 @@ def test_strangers_cannot_upload_or_hold_the_server(team):
     assert set(met) == {401}
 
 
+@pytest.mark.slow
 def test_guesses_at_speed_from_many_addresses(team):
     """32 at a time from 200 addresses: few are checked, and everybody else is answered and comes in. Last of the file:
     whoever comes after it waits."""

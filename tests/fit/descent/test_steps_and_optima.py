@@ -142,6 +142,7 @@ def test_free_weights_find_the_sensor(discretisation: str) -> None:
     assert free.settings["weights"] == "free"
 
 
+@pytest.mark.slow
 def test_a_model_error_joins_where_the_model_is_wrong_and_only_there() -> None:
     second = {**PAPER, "mode2_frequency": 300.0, "mode2_damping": 0.1, "mode2_gain": 0.02}
     frequencies = 10.0 ** (np.arange(12, 31, 2) / 10)

@@ -109,6 +109,7 @@ def test_noise_of_the_reference_counts_by_the_response_of_each_place(case, run):
     assert judged(BY_NAME[case].trial(run))["class"] == "right"
 
 
+@pytest.mark.slow
 def test_noise_that_leads_out_of_the_records_ends_the_rounds():
     """The delay ran off, and the records were refused as too short; the place before led to the sensor."""
     case = BY_NAME["quantities/acceleration/accelerometer+highpass+delay/shock running"]

@@ -86,6 +86,7 @@ def test_table_and_shock_of_an_accelerometer(tmp_path: Path, part_s: tuple[float
     assert "lack_of_fit" in by_table.warning_codes
 
 
+@pytest.mark.slow
 def test_both_pickups_of_a_seismometer(tmp_path: Path) -> None:
     """Over the band of the reference fits: below it the springs bend, above it the laser sees micrometres."""
     laser, coil = (within(read(f"sm3-{n}.toml", "sm3", tmp_path / n), (0.3, 3.0)) for n in ("laser", "coil"))

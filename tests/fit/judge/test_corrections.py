@@ -75,7 +75,7 @@ def test_a_larger_amount_than_was_stated_is_no_correction():
     assert "lack_of_fit" in result.warning_codes
 
 
-@pytest.mark.draws(6, 40)
+@pytest.mark.draws(4, 40)
 def test_parameters_scatter_by_their_uncertainty(draws):
     amounts = np.random.default_rng(4).uniform(1.0, 2.0, draws)
     squares = [

@@ -25,6 +25,7 @@ def observations():
     return list(_observations(evidence, method("bandlimited")))
 
 
+@pytest.mark.slow
 def test_the_best_place_is_the_sensor_and_not_one_that_drowns_the_records(observations):
     """Places that passed so much noise that no bin weighed anything had a seventh of its cost."""
     truth = BY_NAME[BURST].trial(136).truth

@@ -39,6 +39,7 @@ def bent(u, level, gain=1.0):
     return gain * (level * y + level**3 * 0.05 * softer)
 
 
+@pytest.mark.slow
 def test_a_second_mode_is_named_with_its_frequency(rng):
     u = motion("random", SAMPLES, rng)
     mode = {"mode2_frequency": 2600.0, "mode2_damping": 0.03, "mode2_gain": 0.01}

@@ -83,6 +83,7 @@ def test_a_change_between_tones_is_an_alarm(certificate):
 
 
 @pytest.mark.parametrize("pickup", ["laser", "coil"])
+@pytest.mark.quick("coil")
 def test_the_seismometer_stays_within_the_intervals_of_its_certificate(pickup, tmp_path, tmp_path_factory):
     result = seismometer_once(pickup, tmp_path_factory)
     session = tracked(result, seismometer(pickup, tmp_path))
