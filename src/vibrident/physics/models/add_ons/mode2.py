@@ -87,7 +87,7 @@ MODE2 = AddOn(
             "mode2_frequency",
             "Hz",
             "log",
-            guesses=tuple(np.linspace(-0.1, 1.2, 53).tolist()),
+            guesses=(*np.linspace(-0.1, 1.2, 53).tolist(), 1.3, 1.45, 1.6, 1.8),
             guess_at="band",
             words="second-mode frequency",
             symbol="f2",
