@@ -166,20 +166,23 @@ def _likeliest_by_common_samples(fits: Sequence[Fitted]) -> Fitted:
     fit by another course that does not converge with these samples is no likelier.
     """
     first = fits[0]
-    compared = list(fits)
-    originals = list(fits)
+    evidence = first.evidence
+    compared = [(fitted, fitted) for fitted in fits]
     if len(fits) > 1 and first.estimate.in_noise is not None and _is_band_limited(first):
         in_common = _of_samples_in_common(first)
         refits = [_fit_near(in_common, fitted.estimator, fitted.values) for fitted in fits[1:]]
-        converged = [k for k, refit in enumerate(refits, start=1) if refit is not None]
-        compared = [first, *filter(None, refits)]
-        originals = [first, *(fits[k] for k in converged)]
-    held = [k for k, fitted in enumerate(compared) if _is_held(fitted)]
-    if not held or not _is_drive(first.evidence) or not has_stairs(first.evidence.records):
-        return originals[compared.index(_likeliest(compared))]
-    in_order = [compared[held[0]], *compared]
-    likeliest = _likeliest(in_order, min_gain=MIN_FAR_GAIN)
-    return originals[compared.index(likeliest)]
+        compared = [(first, first)]
+        compared += [
+            (fitted, refit)
+            for fitted, refit in zip(fits[1:], refits, strict=True)
+            if refit is not None
+        ]
+    min_gain = 0.0
+    if _is_drive(evidence) and has_stairs(evidence.records):
+        compared.sort(key=lambda pair: not _is_held(pair[0]))
+        min_gain = MIN_FAR_GAIN if _is_held(compared[0][0]) else 0.0
+    likeliest = _likeliest([refit for _, refit in compared], min_gain)
+    return next(fitted for fitted, refit in compared if refit is likeliest)
 
 
 def _is_held(fitted: Fitted) -> bool:
