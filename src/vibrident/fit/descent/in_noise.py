@@ -171,9 +171,10 @@ class GroupAt:
         """
         rows = self.rows
         weight = self.group.grid.counts / self.psd
-        columns = self.group.observable(rows.nuisances.columns, weight)
+        observed = self.group.observer(weight)
+        columns = observed(rows.nuisances.columns)
         nuisances = Nuisances.in_weight(columns, weight)
-        residual = self.group.observable(rows.residual[:, None], weight)
+        residual = observed(rows.residual[:, None])
         amounts = nuisances.amounts(residual)
         residual = (residual - combined(amounts, columns))[:, 0]
         states = combined(amounts[:, :, : rows.order], columns[:, : rows.order])[:, 0]

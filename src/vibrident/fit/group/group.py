@@ -7,7 +7,7 @@ anything else is computed.
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -135,21 +135,31 @@ class Bins:
     aliased: bool = False
     used: BoolArray | None = None
 
-    def observable(self, rows: ComplexArray, weight: FloatArray) -> ComplexArray:
-        """Return signals with what the response shows of them alone, shape (R, i, K).
+    def observer(self, weight: FloatArray) -> Callable[[ComplexArray], ComplexArray]:
+        """Return the function from signals to what the response shows of them, shapes (R, i, K).
 
-        Values where it is not used are least squares in a weight of the bins, shape (R or 1, K), or
-        zero where there are many.
+        Values where the response is not used are least squares in a weight of the bins, shape (R or
+        1, K), or zero where there are many.
         """
         if self.used is None:
-            return rows
+            return lambda rows: rows
         if np.max(np.sum(~self.used, axis=1)) > MAX_FILLED_SAMPLES:
-            return self.where_used(rows)
-        filled = np.array(np.broadcast_to(rows, (len(self.used), *rows.shape[1:])))
+            return self.where_used
         weights = np.broadcast_to(weight, (len(self.used), weight.shape[1]))
-        for row, used, weight_of_row in zip(filled, self.used, weights, strict=True):
-            if not used.all():
-                row[:] = RowFilling.in_weight(used, weight_of_row)(row)
+        fillings = [
+            None if used.all() else RowFilling.in_weight(used, weight_of_row)
+            for used, weight_of_row in zip(self.used, weights, strict=True)
+        ]
+
+        def filled(rows: ComplexArray) -> ComplexArray:
+            each_row = np.broadcast_to(rows, (len(fillings), *rows.shape[1:]))
+            return np.stack(
+                [
+                    row if filling is None else filling(row)
+                    for row, filling in zip(each_row, fillings, strict=True)
+                ]
+            )
+
         return filled
 
     def where_used(self, rows: ComplexArray) -> ComplexArray:

@@ -134,9 +134,9 @@ def evaluate(group: Bins, step: Step, weight: FloatArray) -> Rows:
     order = len(step.transfer.denominator) - 1
     forced = _driven(group, step.transfer.numerator[None], inverse)[:, 0]
     states = _states(shifted, inverse, order)
-    columns = group.observable(_nuisances(group, states, inverse), weight)
-    nuisances = Nuisances.in_weight(columns, weight)
-    residual = group.observable((group.response - forced)[:, None], weight)[:, 0]
+    observed = group.observer(weight)
+    nuisances = Nuisances.in_weight(observed(_nuisances(group, states, inverse)), weight)
+    residual = observed((group.response - forced)[:, None])[:, 0]
     amounts = nuisances.amounts(residual[:, None])
     residual -= combined(amounts, nuisances.columns)[:, 0]
     predicted = forced + combined(amounts[:, :, :order], states)[:, 0]
@@ -145,13 +145,13 @@ def evaluate(group: Bins, step: Step, weight: FloatArray) -> Rows:
     if step.slope is not None:
         relative = np.stack([horner(row, shifted) * inverse for row in step.slope.denominator], 1)
         jacobian = _driven(group, step.slope.numerator, inverse) - predicted[:, None] * relative
-        jacobian = group.observable(jacobian, weight)
+        jacobian = observed(jacobian)
         jacobian -= nuisances.imitated(jacobian)
         # An image of a free motion that was not recorded turns quickly with its frequency, and
         # would follow the noise.
         if group.edges and not group.aliased:  # 1/a twice
             at_edges = combined(amounts[:, :, -order:], states * inverse[:, None])
-            edge_jacobian = group.observable(-2.0 * at_edges * relative, weight)
+            edge_jacobian = observed(-2.0 * at_edges * relative)
             edge_jacobian -= nuisances.imitated(edge_jacobian)
     return Rows(
         residual, predicted, forced, jacobian, edge_jacobian, nuisances, amounts[:, 0], order
