@@ -107,10 +107,9 @@ def fit_line(result: Result) -> Sentence:
     if fit.r2 is not None:
         figures.append(f"R² {plain(fit.r2, 6)}")
     if math.isfinite(fit.explained):
-        figures.append(
-            f"explained {plain(100 * fit.explained, 4)} % of {plain(100 * fit.coherent, 4)} % "
-            "coherent"
-        )
+        explained, coherent = (plain(100 * share, 4) for share in (fit.explained, fit.coherent))
+        by_others = "" if explained == coherent else f" (any linear sensor: {coherent} %)"
+        figures.append(f"explained {explained} %{by_others}")
     if fit.chi2_reduced is not None:
         figures.append(f"χ²/ν {plain(fit.chi2_reduced, 3)} (ν = {fit.degrees_of_freedom})")
     text = f"Fit: {', '.join(figures)}:"

@@ -54,7 +54,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
             "explained", "share of the response's power in the band that the model explains"
         ),
         "coherent": Metric(
-            "coherent", "share of that power that any linear sensor could explain: local coherence"
+            "coherent", "share of that power that some linear sensor, or this model, explains"
         ),
         "chi2_reduced": Metric(
             "χ²/ν",
