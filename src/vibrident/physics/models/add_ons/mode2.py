@@ -87,6 +87,7 @@ MODE2 = AddOn(
             "mode2_frequency",
             "Hz",
             "log",
+            # In and about the band; the last ones of a sensor of which only the tail is seen.
             guesses=(*np.linspace(-0.1, 1.2, 53).tolist(), 1.3, 1.45, 1.6, 1.8),
             guess_at="band",
             words="second-mode frequency",
