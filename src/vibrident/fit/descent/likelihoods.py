@@ -50,6 +50,27 @@ def compared_where_all_excited(fits: Sequence[Sequence[GroupAt]]) -> FloatArray:
     return totals
 
 
+def spread_of_gain(first: Sequence[GroupAt], second: Sequence[GroupAt]) -> float:
+    """Return the standard deviation of the difference of −2 log of two fits' likelihoods.
+
+    It is that of a sum of as many independent terms as bins count in both: two fits of which none
+    contains the other differ by so much by chance (Vuong 1989). Zero where their bins differ.
+
+    Args:
+        first: the groups of a fit.
+        second: those of another fit of the same records.
+    """
+    first_terms, second_terms = (dict(_terms_by_segment(groups)) for groups in (first, second))
+    variance = 0.0
+    for number in set(first_terms).intersection(second_terms):
+        before = first_terms[number]
+        after = second_terms[number]
+        if before.terms.size == after.terms.size:
+            counts = np.minimum(before.counts, after.counts)
+            variance += float(np.sum((counts * (before.terms - after.terms)) ** 2))
+    return float(np.sqrt(variance))
+
+
 class _SegmentTerms(NamedTuple):
     """−2 log of the likelihood of a segment, by bins.
 

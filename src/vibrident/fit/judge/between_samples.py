@@ -19,7 +19,7 @@ from vibrident.base.tails import chi2_tail, f_tail
 from vibrident.data.records import FloatArray, Record, SystematicEffect
 from vibrident.data.screening.held import has_stairs
 from vibrident.fit.bins.transfer import horner, transfer_of
-from vibrident.fit.descent.likelihoods import compared_where_all_excited
+from vibrident.fit.descent.likelihoods import compared_where_all_excited, spread_of_gain
 from vibrident.fit.descent.train import MIN_EXPLAINED_SHARE
 from vibrident.fit.estimators import AUTO, Estimator
 from vibrident.fit.estimators.kinds.ipnn import Ipnn
@@ -38,8 +38,10 @@ from vibrident.physics.models.state_space import realise
 DELAY = "delay"
 ALIASING = "aliasing"  # of motion; a commanded step has any frequency
 WITHOUT_REFERENCE = "no band-limited reference is known beside them"
-#: A fit is far likelier than another by this fall of −2 log of the likelihood.
+#: A fit is far likelier than another by this fall of −2 log of the likelihood, …
 MIN_FAR_GAIN = -2.0 * math.log(REJECTION)
+#: … and this many standard deviations of what chance makes it, which it exceeds as improbably.
+MIN_FAR_SIGMA = 3.3
 #: Course of a reference between its samples, by the discretisation that is exact for it.
 REASONS = {
     "zoh": "the reference is held between its samples, as stairs: zero-order hold",
@@ -295,7 +297,7 @@ def _likeliest(fits: Sequence[Fitted], min_gain: float = 0.0) -> Fitted:
     """Return the fit in whose noise the data are likeliest, in the band that all have.
 
     The first one if it is alone, by points, or no other gains more than ``min_gain`` in −2 log of
-    the likelihood.
+    the likelihood; if that is not zero, more than chance does, too.
     """
     if len(fits) == 1:
         return fits[0]
@@ -307,6 +309,8 @@ def _likeliest(fits: Sequence[Fitted], min_gain: float = 0.0) -> Fitted:
         places.append(tuple(estimate.in_noise.places(estimate.z, estimate.coordinates)))
     scores = compared_where_all_excited(places)
     best = int(np.argmin(scores))
+    if min_gain > 0.0:
+        min_gain = max(min_gain, MIN_FAR_SIGMA * spread_of_gain(places[0], places[best]))
     return fits[best] if scores[0] - scores[best] > min_gain else fits[0]
 
 
