@@ -23,7 +23,7 @@ from vibrident.fit.response.response import ComplexArray
 
 #: Most samples of a segment that are nuisances: a limit of time, as it takes their cube.
 MAX_FILLED_SAMPLES = 256
-#: Weight of no value over the mean weight, for values that the bins do not show: rounding.
+#: Ridge on Eᵀ W E over its diagonal, above rounding: values that the bins do not show stay zero.
 RIDGE = 1e-12
 
 

@@ -152,11 +152,11 @@ class Bins:
         ]
 
         def filled(rows: ComplexArray) -> ComplexArray:
-            each_row = np.broadcast_to(rows, (len(fillings), *rows.shape[1:]))
+            of_segments = np.broadcast_to(rows, (len(fillings), *rows.shape[1:]))
             return np.stack(
                 [
                     row if filling is None else filling(row)
-                    for row, filling in zip(each_row, fillings, strict=True)
+                    for row, filling in zip(of_segments, fillings, strict=True)
                 ]
             )
 

@@ -180,14 +180,11 @@ def predict(group: Group, step: Step) -> FloatArray:
 
 
 def _nuisances(group: Bins, states: ComplexArray, inverse: ComplexArray) -> ComplexArray:
-    """Return the nuisance columns, the states first; shape (R, m, K), or (1, m, K) if all alike."""
+    """Return the nuisance columns of complete segments, the states first; shape (R or 1, m, K)."""
     columns = [states, group.fixed_nuisances]
     if group.edges:
         columns.append(states * inverse[:, None])
-    together = np.concatenate(columns, axis=1)
-    if group.used is None:
-        return together
-    return np.broadcast_to(together, (len(group.response), *together.shape[1:]))
+    return np.concatenate(columns, axis=1)
 
 
 def _states(shifted: ComplexArray, inverse: ComplexArray, order: int) -> ComplexArray:

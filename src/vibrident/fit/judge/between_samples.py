@@ -40,7 +40,7 @@ ALIASING = "aliasing"  # of motion; a commanded step has any frequency
 WITHOUT_REFERENCE = "no band-limited reference is known beside them"
 #: A fit is far likelier than another by this fall of −2 log of the likelihood, …
 MIN_FAR_GAIN = -2.0 * math.log(REJECTION)
-#: … and this many standard deviations of what chance makes it, which it exceeds as improbably.
+#: … and by this many standard deviations of what chance makes it: REJECTION of either sign.
 MIN_FAR_SIGMA = 3.3
 #: Course of a reference between its samples, by the discretisation that is exact for it.
 REASONS = {
@@ -127,7 +127,7 @@ def _likeliest_by_far(band_limited: Fitted, networks: Sequence[Ipnn]) -> Fitted:
     """
     fits = _fits(_of_samples_in_common(band_limited), networks, band_limited.values)
     adequate = [fitted for fitted in fits if fitted.adequate]
-    likeliest = _likeliest([band_limited, *adequate], min_gain=MIN_FAR_GAIN)
+    likeliest = _likeliest([band_limited, *adequate], by_far=True)
     if likeliest is band_limited:
         return band_limited
     return _of_all_samples(likeliest, band_limited.evidence.records)
@@ -169,8 +169,9 @@ def _likeliest_by_common_samples(fits: Sequence[Fitted]) -> Fitted:
     """
     first = fits[0]
     evidence = first.evidence
+    is_band_limited = first.estimate.findings.method.is_band_limited
     compared = [(fitted, fitted) for fitted in fits]
-    if len(fits) > 1 and first.estimate.in_noise is not None and _is_band_limited(first):
+    if len(fits) > 1 and first.estimate.in_noise is not None and is_band_limited:
         in_common = _of_samples_in_common(first)
         refits = [_fit_near(in_common, fitted.estimator, fitted.values) for fitted in fits[1:]]
         compared = [(first, first)]
@@ -179,22 +180,17 @@ def _likeliest_by_common_samples(fits: Sequence[Fitted]) -> Fitted:
             for fitted, refit in zip(fits[1:], refits, strict=True)
             if refit is not None
         ]
-    min_gain = 0.0
+    by_far = False
     if _is_drive(evidence) and has_stairs(evidence.records):
         compared.sort(key=lambda pair: not _is_held(pair[0]))
-        min_gain = MIN_FAR_GAIN if _is_held(compared[0][0]) else 0.0
-    likeliest = _likeliest([refit for _, refit in compared], min_gain)
+        by_far = _is_held(compared[0][0])
+    likeliest = _likeliest([refit for _, refit in compared], by_far=by_far)
     return next(fitted for fitted, refit in compared if refit is likeliest)
 
 
 def _is_held(fitted: Fitted) -> bool:
     """Return whether a fit supposes a reference that is held between its samples."""
     return isinstance(fitted.estimator, Ipnn) and fitted.estimator.discretisation == "zoh"
-
-
-def _is_band_limited(fitted: Fitted) -> bool:
-    """Return whether a fit supposes a band-limited reference."""
-    return fitted.estimate.findings.method.is_band_limited
 
 
 def _is_drive(evidence: Evidence) -> bool:
@@ -293,11 +289,11 @@ def _named(fitted: Fitted) -> Fitted:
     return replace(fitted, evidence=evidence, reason=REASONS[estimator.discretisation])
 
 
-def _likeliest(fits: Sequence[Fitted], min_gain: float = 0.0) -> Fitted:
+def _likeliest(fits: Sequence[Fitted], *, by_far: bool) -> Fitted:
     """Return the fit in whose noise the data are likeliest, in the band that all have.
 
-    The first one if it is alone, by points, or no other gains more than ``min_gain`` in −2 log of
-    the likelihood; if that is not zero, more than chance does, too.
+    It is the first one if that is alone, by points, or no other is likelier; if ``by_far``, no
+    other is far likelier.
     """
     if len(fits) == 1:
         return fits[0]
@@ -309,8 +305,9 @@ def _likeliest(fits: Sequence[Fitted], min_gain: float = 0.0) -> Fitted:
         places.append(tuple(estimate.in_noise.places(estimate.z, estimate.coordinates)))
     scores = compared_where_all_excited(places)
     best = int(np.argmin(scores))
-    if min_gain > 0.0:
-        min_gain = max(min_gain, MIN_FAR_SIGMA * spread_of_gain(places[0], places[best]))
+    min_gain = 0.0
+    if by_far:
+        min_gain = max(MIN_FAR_GAIN, MIN_FAR_SIGMA * spread_of_gain(places[0], places[best]))
     return fits[best] if scores[0] - scores[best] > min_gain else fits[0]
 
 

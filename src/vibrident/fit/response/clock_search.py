@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy import fft
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from vibrident.data.records import FloatArray, Record
@@ -191,7 +192,10 @@ def _delay_samples(motion: _Motion, response: ComplexArray) -> int:
 
 
 def _largest_around(values: FloatArray, bins: NDArray[np.int_]) -> FloatArray:
-    """Return the largest of the values about each bin, as far as a clock may move its frequency.
+    """Return the largest of the values about each bin, wherever a clock may move its frequency.
+
+    That is at most into the next band of the ratio 1 + MAX_OFFSET, and the window's lobes reach
+    into one more.
 
     Args:
         values: at the bins, shape (K,).
@@ -200,8 +204,7 @@ def _largest_around(values: FloatArray, bins: NDArray[np.int_]) -> FloatArray:
     bands = np.floor(np.log(bins) / np.log1p(MAX_OFFSET)).astype(int)
     begins = np.flatnonzero(np.diff(bands, prepend=-1))
     largest = np.maximum.reduceat(values, begins)
-    padded = np.pad(largest, 2)
-    around = np.max([padded[k : k + largest.size] for k in range(5)], axis=0)
+    around = np.max(sliding_window_view(np.pad(largest, 2), 5), axis=1)
     return np.repeat(around, np.diff(begins, append=bins.size))
 
 

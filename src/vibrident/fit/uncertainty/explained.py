@@ -132,10 +132,12 @@ def powers(
     """Return powers of the response in a band, shape (4,): the summands of :func:`shares_of`.
 
     They are the power of the response, of what the model leaves and of what is incoherent, and the
-    squares of the last summed over the bins. The part of the prediction that noise of the reference
-    makes counts as unexplained once, not twice: behind a displacement of eight bits it exceeds the
-    response. A drift or hum among the nuisances is no response. But no more is explained than was
-    measured, that noise apart: nuisances may cancel a wrong prediction of any size.
+    squares of the last summed over the bins. A bin counts as far as its prediction is no noise of
+    the reference: elsewhere nothing tells what the model explains. The part of the prediction that
+    this noise makes counts as unexplained once, not twice: behind a displacement of eight bits it
+    exceeds the response. A drift or hum among the nuisances is no response. But no more is
+    explained than was measured, that noise apart: nuisances may cancel a wrong prediction of any
+    size.
 
     Args:
         bins: of the record.
