@@ -24,6 +24,7 @@ from vibrident.fit.descent.train import MIN_EXPLAINED_SHARE
 from vibrident.fit.estimators import AUTO, Estimator
 from vibrident.fit.estimators.kinds.ipnn import Ipnn
 from vibrident.fit.judge.attempts import Fitted
+from vibrident.fit.judge.clocks import at_one_clock
 from vibrident.fit.judge.departure_report import departure_names
 from vibrident.fit.optimise import Progress
 from vibrident.fit.problem import Evidence
@@ -74,6 +75,8 @@ def fit_between_samples(
     is_likely_held = has_stairs(evidence.records)
     if by_points or not is_likely_held:
         plain = plain.tried_again()
+    if by_points and not plain.adequate:
+        plain = at_one_clock(plain)
     if not is_likely_held:
         is_likely_held = _is_drive(evidence) and not (plain.adequate or by_points)
         explains_most = plain.judgement.explained > MIN_EXPLAINED_SHARE

@@ -27,7 +27,6 @@ from vibrident.fit.uncertainty.parameters import deviations
 SOURCE = "the ratio of the two clocks"
 CHANGE = "change"  # the departure that two clocks look like: a sensor that changes evenly
 MIN_SIGMA = 4.0  # of ε, to be tried
-DELAY_ORDER = 2  # of a rational function for what remains of a delay (Padé)
 MAX_ROUNDS = 6
 TINY = np.finfo(float).tiny
 #: Fall of the unexplained power for a fit that remains rejected; the incoherent may not rise so.
@@ -41,6 +40,8 @@ def at_one_clock(fitted: Fitted) -> Fitted:
     step is followed by a fit, so that fit and ε reach their common optimum. The effect of u(ε) on
     the parameters is a row of the budget.
     """
+    if any(effect.source == SOURCE for effect in fitted.evidence.effects):
+        return fitted
     known = fitted.evidence.clock_offset != 0.0
     if not known:
         fitted = replace(fitted, departures=departures_of(fitted))
@@ -73,8 +74,11 @@ def at_one_clock(fitted: Fitted) -> Fitted:
 def _at_known_offset(fitted: Fitted, best: Fitted, u: float, has_offset: bool) -> Fitted:
     """Return the fit at an ε that was corrected before it, or at one clock where that suffices.
 
-    Of ringing alone, two clocks and another natural frequency are one.
+    Of ringing alone, two clocks and another natural frequency are one; motion that goes on tells
+    them apart.
     """
+    if has_offset and math.isfinite(u) and _is_stationary(best):
+        return _with_statement(best, u)
     at_no_offset = _fit_at_one_clock(best)
     may_state = math.isfinite(u) and not best.judgement.shares.lacking
     if at_no_offset is None:
@@ -131,7 +135,7 @@ def _settle_offset(fitted: Fitted, known: bool, nearby: float) -> tuple[Fitted, 
         if step is None:
             break
         change, u = step
-        if round_number == 0 and best.adequate and not known and abs(change) < MIN_SIGMA * u:
+        if round_number == 0 and not (known or nearby) and abs(change) < MIN_SIGMA * u:
             return None
         # ε may be beyond first order.
         steps = [nearby] if round_number == 0 and nearby else []
@@ -198,9 +202,9 @@ def _distance_to_nearby(fitted: Fitted) -> float:
     """
     model = fitted.evidence.model.linear
     system = model.rational(fitted.values, fitted.evidence.quantity)
-    delay_order = DELAY_ORDER if model.has_delay else 0
-    orders = len(system.denominator) - 1 + delay_order, len(system.numerator) - 1 + delay_order
-    return nearby_offset(fitted.evidence.records, *orders, delayed=model.has_delay)
+    poles = len(system.denominator) - 1
+    zeros = len(system.numerator) - 1
+    return nearby_offset(fitted.evidence.records, poles, zeros, delayed=model.has_delay)
 
 
 def _offset_step(fitted: Fitted) -> tuple[float, float] | None:

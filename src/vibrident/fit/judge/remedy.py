@@ -12,6 +12,7 @@ from vibrident.fit.descent.train import MIN_EXPLAINED_SHARE
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem
 from vibrident.fit.start.start import Start, extended, find_start
+from vibrident.fit.uncertainty.parameters import standard_uncertainties
 from vibrident.physics.models import ADD_ONS, CORES, SensorModel, installed
 
 #: Degrees of freedom that must remain to judge a model by.
@@ -58,7 +59,7 @@ def _nested(fitted: Fitted, better: Fitted) -> Fitted | None:
 
     Where what the other model has in addition is zero, the fit had ended at a wrong place.
     """
-    if not set(fitted.values) < set(better.values):
+    if not set(fitted.values) < set(better.values) or _needs_additions(fitted, better):
         return None
     start = {name: better.values[name] for name in fitted.values}
     try:
@@ -66,6 +67,19 @@ def _nested(fitted: Fitted, better: Fitted) -> Fitted | None:
     except VibridentError:
         return None
     return replace(nested, evidence=fitted.evidence) if nested.adequate else None
+
+
+def _needs_additions(fitted: Fitted, better: Fitted) -> bool:
+    """Return whether what an extended model has in addition differs much from zero.
+
+    Without a parameter, χ² is larger by the square of its standard uncertainties from zero: none is
+    so near that χ² would be less than twice its degrees of freedom.
+    """
+    estimate = better.estimate
+    u = standard_uncertainties(estimate.coordinates, estimate.z, estimate.covariance)
+    added = set(better.values) - set(fitted.values)
+    freedom = better.judgement.adequacy.degrees_of_freedom
+    return all(better.values[name] ** 2 > freedom * u[name] ** 2 for name in added)
 
 
 def _may_lack_model(fitted: Fitted) -> bool:
@@ -91,48 +105,76 @@ def _likely_models(fitted: Fitted) -> Iterator[tuple[SensorModel, dict[str, floa
 
     Models with the fewest parameters come first.
     """
+    for problem in _sets_of_points(fitted):
+        chi2_reduced = _reduced_chi2(problem, fitted)
+        for models in _other_models(fitted.evidence):
+            likely = _models_that_explain(problem, models, fitted, chi2_reduced)
+            if likely:
+                yield from likely
+                return
+
+
+def _sets_of_points(fitted: Fitted) -> Iterator[FrequencyProblem]:
+    """Yield the nonparametric response of the data, and then that beside the fit.
+
+    The first leaks by its window; the second knows no such leakage, but what a wrong model leaves
+    of a resonance leaks into it.
+    """
     problem = fitted.evidence.first_look
     if problem is None:
         return
-    if not problem.polar:  # beside the fit
-        problem = replace(problem, data=fitted.judgement.adequacy.as_data)
-    for models_by_size in _other_models(fitted.evidence):
-        likely = itertools.chain.from_iterable(
-            _models_that_explain(problem, models, fitted) for models in models_by_size
-        )
-        first = next(likely, None)
-        if first is not None:
-            yield first
-            yield from likely
-            return
+    yield problem
+    if not problem.polar:
+        yield replace(problem, data=fitted.judgement.adequacy.as_data)
+
+
+def _reduced_chi2(problem: FrequencyProblem, fitted: Fitted) -> float:
+    """Return χ²/ν of the present model at points."""
+    estimate = fitted.estimate
+    residual = problem.residual(estimate.z, estimate.coordinates)
+    freedom = problem.equations - len(fitted.values)
+    return float(residual @ residual) / freedom if freedom > 0 else 0.0
 
 
 def _models_that_explain(
-    problem: FrequencyProblem, models: Sequence[SensorModel], fitted: Fitted
-) -> Iterator[tuple[SensorModel, dict[str, float]]]:
-    """Yield models whose χ²/ν is a tenth of the present one's or small, with their parameters.
+    problem: FrequencyProblem,
+    models: Sequence[SensorModel],
+    fitted: Fitted,
+    chi2_reduced: float,
+) -> list[tuple[SensorModel, dict[str, float]]]:
+    """Return models whose χ²/ν is a tenth of the present one's or small, with their parameters.
 
-    It is no more than 30 times that of the best model.
+    It is no more than 30 times that of the best model. Larger models are tried where no smaller one
+    has a small χ²/ν.
 
     Args:
         problem: the points.
-        models: to be tried.
+        models: to be tried, those with the fewest parameters first.
         fitted: the fit by the present model.
+        chi2_reduced: of the present model at the points.
     """
-    chi2_reduced = fitted.judgement.adequacy.chi2_reduced or 0.0
-    candidates = []
+    candidates: list[tuple[SensorModel, dict[str, float], float]] = []
     max_cost = min(max(chi2_reduced / 10.0, MAX_SMALL_CHI2), 0.5 * chi2_reduced)
+    least = chi2_reduced
     for candidate in models:
         freedom = problem.equations - len(candidate.parameter_names)
+        if candidates and least < MAX_SMALL_CHI2 and _is_larger(candidate, candidates[-1][0]):
+            break
         if freedom < MIN_FREEDOM:
             continue
         start = _start_of_model(problem, candidate, fitted, max_cost * freedom)
         if start is not None and _lies_inside(problem, candidate, start.values):
-            candidates.append((candidate, start.costs[-1] / freedom, start.values))
-    limit = min([chi2_reduced / 10.0, *(30.0 * cost for _, cost, _ in candidates)])
-    for candidate, cost, parameters in candidates:
-        if cost < min(max(limit, MAX_SMALL_CHI2), max_cost):
-            yield candidate, parameters
+            candidates.append((candidate, start.values, start.costs[-1] / freedom))
+            least = min(least, candidates[-1][-1])
+    limit = max(min(chi2_reduced / 10.0, 30.0 * least), MAX_SMALL_CHI2)
+    return [
+        (candidate, values) for candidate, values, cost in candidates if cost < min(limit, max_cost)
+    ]
+
+
+def _is_larger(candidate: SensorModel, other: SensorModel) -> bool:
+    """Return whether a model has more parameters than another."""
+    return len(candidate.parameter_names) > len(other.parameter_names)
 
 
 def _start_of_model(
@@ -163,10 +205,10 @@ def _lies_inside(
     )
 
 
-def _other_models(evidence: Evidence) -> Iterator[list[list[SensorModel]]]:
+def _other_models(evidence: Evidence) -> Iterator[list[SensorModel]]:
     """Yield linear models of another core or with one more add-on; then those with a delay too.
 
-    Each of the two comes as lists of models with equally many parameters, the fewest first.
+    Each of the two comes as a list of models, those with the fewest parameters first.
     """
     present = evidence.model.name.split("+")
     # In data of a single mounting, a mounting is the same as a second mode, which is tried.
@@ -197,7 +239,4 @@ def _other_models(evidence: Evidence) -> Iterator[list[list[SensorModel]]]:
     for names in (one_more, with_delay):
         models = (installed("+".join(components)) for components in names)
         linear = [model for model in models if model is not None and model.is_linear]
-        yield [
-            [model for model in linear if len(model.parameters) == size]
-            for size in sorted({len(model.parameters) for model in linear})
-        ]
+        yield sorted(linear, key=lambda model: len(model.parameters))

@@ -25,6 +25,7 @@ from vibrident.fit.response.clock_search import (
     ClockSearch,
 )
 
+DELAY_ORDER = 2  # of a rational function for what remains of a delay (Padé)
 MAX_PERIODS = 8  # by which a transfer function may stand in for two clocks
 MAX_CANDIDATES = 256  # of valleys that look alike, as in the first of several shocks
 # Unexplained fraction above which no step of a search is in a valley: half a width from a bottom a
@@ -68,9 +69,21 @@ def clock_offset(records: Sequence[Record]) -> float:
 def nearby_offset(records: Sequence[Record], poles: int, zeros: int, *, delayed: bool) -> float:
     """Return ε near zero by a transfer function of a model's order; 0 where it explains little.
 
-    In a sweep a higher order imitates a ratio of the clocks, up to some periods.
+    In a sweep a higher order imitates a ratio of the clocks, up to some periods. A delay is as much
+    as half of ε on average: it is 0, too, where one clock and a delay explain more.
+
+    Args:
+        records: with a reference.
+        poles: of the model.
+        zeros: likewise.
+        delayed: whether the model has a delay.
     """
-    search = ClockSearch.from_records(records, poles, zeros, delayed=delayed)
+    search_of_delayed = ClockSearch.from_records(
+        records, poles + DELAY_ORDER, zeros + DELAY_ORDER, delayed=True
+    )
+    search = search_of_delayed
+    if not delayed:
+        search = ClockSearch.from_records(records, poles, zeros, delayed=False)
     if not search.driven:
         return 0.0
     width = min(
@@ -79,7 +92,11 @@ def nearby_offset(records: Sequence[Record], poles: int, zeros: int, *, delayed:
     offsets = width * np.arange(-2 * MAX_PERIODS, 2 * MAX_PERIODS + 1)
     offsets = offsets[np.abs(offsets) <= MAX_OFFSET]
     unexplained = [search.unexplained(offset, LAST_SAMPLES) for offset in offsets]
-    return search.bottom(float(offsets[int(np.argmin(unexplained))]), width, LAST_SAMPLES)
+    offset = search.bottom(float(offsets[int(np.argmin(unexplained))]), width, LAST_SAMPLES)
+    if offset == 0.0 or delayed:
+        return offset
+    by_offset = search.unexplained(offset, LAST_SAMPLES)
+    return offset if by_offset < search_of_delayed.unexplained(0.0, LAST_SAMPLES) else 0.0
 
 
 def at_reference_clock(record: Record, offset: float) -> Record:
