@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -107,6 +108,8 @@ def _likely_models(fitted: Fitted) -> Iterator[tuple[SensorModel, dict[str, floa
     """
     for problem in _sets_of_points(fitted):
         chi2_reduced = _reduced_chi2(problem, fitted)
+        if chi2_reduced < 1.0:  # these points do not reject it
+            continue
         for models in _other_models(fitted.evidence):
             likely = _models_that_explain(problem, models, fitted, chi2_reduced)
             if likely:
@@ -129,11 +132,11 @@ def _sets_of_points(fitted: Fitted) -> Iterator[FrequencyProblem]:
 
 
 def _reduced_chi2(problem: FrequencyProblem, fitted: Fitted) -> float:
-    """Return χ²/ν of the present model at points."""
-    estimate = fitted.estimate
-    residual = problem.residual(estimate.z, estimate.coordinates)
-    freedom = problem.equations - len(fitted.values)
-    return float(residual @ residual) / freedom if freedom > 0 else 0.0
+    """Return the least χ²/ν of the present model at points; 0 where it has none."""
+    model = fitted.evidence.model
+    freedom = problem.equations - len(model.parameter_names)
+    start = _start_of_model(problem, model, fitted, math.inf) if freedom > 0 else None
+    return 0.0 if start is None else start.costs[-1] / freedom
 
 
 def _models_that_explain(
@@ -186,7 +189,7 @@ def _start_of_model(
     """
     problem_of_candidate = replace(problem, model=candidate, start=None)
     try:
-        if set(fitted.evidence.model.parameter_names) < set(candidate.parameter_names):
+        if set(fitted.evidence.model.parameter_names) <= set(candidate.parameter_names):
             return extended(problem_of_candidate, candidate, fitted.values, max_cost)
         return find_start(problem_of_candidate, candidate, max_cost)
     except VibridentError:
