@@ -141,6 +141,23 @@ def write(folder, text, motions=False):
     return path
 
 
+def test_what_no_motion_shows_is_not_known():
+    """Two outputs and motion along one axis: no transverse sensitivity of zero, and no missing output."""
+    calibration = axes_calibration(np.random.default_rng(2))
+    along_x = {
+        name: replace(output, records=tuple(r for r in output.records if r.circumstances.axis == "x"))
+        for name, output in calibration.outputs.items()
+    }
+    matrix = sensitivity_matrix(AxesCalibration(along_x, {}, 0.01))
+    assert matrix.axes[0] == "x"
+    assert set(matrix.axes) == set(OUTPUTS)
+    main = {row["output"]: row for row in matrix.main()}
+    assert set(main) == set(OUTPUTS)
+    true = np.abs(true_matrix(matrix.frequency_hz)[:, 0, 0])
+    assert main["x"]["magnitude"] == pytest.approx(true.tolist(), rel=1e-3)
+    assert main["x"]["transverse_percent"] == main["y"]["magnitude"] == [None, None]
+
+
 def test_from_files(tmp_path):
     path = write(tmp_path, '[reference]\ncolumn = "a"\ntransverse_motion = 0.01\n' + HEAD)
     assert read_axes(path).transverse_motion == 0.01

@@ -78,15 +78,18 @@ class Matrix:
             axis = self.axes.index(name)
             across = [j for j in range(len(self.axes)) if j != axis]
             main = self.values[:, i, axis]
-            ratio = self.values[:, i, across] / main[:, None]
+            with np.errstate(invalid="ignore"):  # not known over not known
+                ratio = self.values[:, i, across] / main[:, None]
             u = (
                 np.hypot(*np.moveaxis(self.u[:, i, across], -1, 0))
                 / np.sqrt(2.0)
                 / np.abs(main)[:, None]
             )
             in_phase = np.real(ratio)
-            size = np.sqrt(np.sum(np.abs(ratio) ** 2, axis=1))
-            angle = np.sqrt(np.sum(in_phase**2, axis=1))
+            size, angle = (
+                np.sqrt(np.sum(parts**2, axis=1)) if across else np.full(len(main), np.nan)
+                for parts in (np.abs(ratio), in_phase)
+            )
             rows = {
                 "output": name,
                 "magnitude": np.abs(main),
@@ -174,9 +177,9 @@ def sensitivity_matrix(calibration: AxesCalibration | str | os.PathLike[str]) ->
     outputs = calibration.outputs
     first = next(iter(outputs.values()))
     tones_hz = [tone_frequency(record) for record in first.records]
-    axes = tuple(calibration.motions) or tuple(
-        dict.fromkeys(record.circumstances.axis for record in first.records)
-    )
+    moved = calibration.motions or [record.circumstances.axis for record in first.records]
+    # An axis that has an output and was not moved is unknown, and not zero.
+    axes = tuple(dict.fromkeys([*moved, *outputs]))
     motion = _measure_motion(calibration, first, tones_hz, axes)
     groups = _group_by_frequency(tones_hz)
     shape = len(groups), len(outputs), len(axes)
@@ -246,7 +249,8 @@ def _measure_motion(
             first.source,
         )
         columns.append(tones.response / tones.reference)
-    return np.stack(columns, axis=1)
+    without_motion = [np.zeros_like(columns[0])] * (len(axes) - len(columns))
+    return np.stack([*columns, *without_motion], axis=1)
 
 
 def _without_known_responses(

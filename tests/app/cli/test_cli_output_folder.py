@@ -1,5 +1,6 @@
 """Files appear together or not at all, and a bug keeps its traceback."""
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -46,6 +47,39 @@ def test_the_folder_one_is_in(tmp_path, monkeypatch):
         (folder.path / "a.txt").write_text("a")
         assert folder.path.parent == Path()  # the folder above may not be ours to write
     assert [file.name for file in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_no_output_replaces_an_input(tmp_path):
+    raw = tmp_path / "a.csv"
+    raw.write_text("raw")
+
+    def write_over():
+        with written_whole(tmp_path, [raw]) as folder:
+            (folder.path / "result.json").write_text("{}")
+            (folder.path / "a.csv").write_text("new")
+
+    with pytest.raises(InputError, match="would replace"):
+        write_over()
+    assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [("a.csv", "raw")]
+
+
+@pytest.mark.parametrize("command", ["correct", "predict", "track", "identify"])
+def test_raw_data_and_results_survive_every_command(run, made, identified, tmp_path, command):
+    """The output folder is the one of the data and of the result."""
+    folder = tmp_path / "data"
+    shutil.copytree(made, folder)
+    shutil.copy(identified, folder / "result.json")
+    before = {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
+    arguments = [folder / "calibration.toml", "--out", folder, "--no-pictures"]
+    if command == "predict":
+        arguments.remove("--no-pictures")
+    if command != "identify":
+        arguments.insert(0, folder / "result.json")
+    done = run(command, *arguments)
+    assert done.exit_code == (0 if command == "identify" else 2), done.output
+    assert all(file.read_bytes() == held for file, held in before.items() if file.name != "result.json")
+    if command != "identify":
+        assert (folder / "result.json").read_bytes() == before[folder / "result.json"]
 
 
 def test_a_full_disk_is_no_traceback(tmp_path):

@@ -190,8 +190,14 @@ def test_statistics_know_limits_and_their_unit(tmp_path):
     values = [row["parameters"]["sensitivity"][0] for row in found[:200]]
     assert gains.median == pytest.approx(np.median(values), rel=1e-12)
     assert (gains.histogram.counts.sum(), gains.histogram.below, gains.histogram.above) == (199, 0, 1)  # the outlier
-    other = Specification.model_validate({"limits": [{**limit, "unit": "mV/(m/s^2)"}]})
-    assert not statistics(tmp_path / "fleet.parquet", tally, other).limited
+
+    def with_unit(**changes):
+        specification = Specification.model_validate({"limits": [limit | changes]})
+        return statistics(tmp_path / "fleet.parquet", tally, specification).yields[0].conforming
+
+    assert with_unit(unit="mV/(m/s^2)", nominal=10.0) == 199
+    assert with_unit(unit="mV/(m/s^2)", nominal=10.0, tolerance=1.0, tolerance_percent=None) == 199
+    assert with_unit(unit="mV/(m/s)") == 0  # a limit that cannot be used is not kept
 
     (tmp_path / "results").mkdir()
     specification = Specification.model_validate({"limits": [limit]})

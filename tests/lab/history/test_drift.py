@@ -12,6 +12,7 @@ from bench.history import KINDS, measured
 from tests.support.joint_sensors import table
 
 import vibrident
+from vibrident.base.errors import InputError
 from vibrident.data.effects import SystematicEffect
 from vibrident.lab.history import control
 from vibrident.lab.history.drift import SensorDrift
@@ -183,6 +184,11 @@ def test_a_sensor_is_due_when_its_risk_reaches_5_percent():
     assert datetime.date(2020, 1, 1) < told.date < datetime.date(2022, 1, 1)  # 1 % at 0.2 % a year is five years
     assert told.interval_years == 1.0
     assert told.staircase_years == 1.25  # found within 0.8 of the tolerance
+    nominal = Tolerance(0.01, 1000.0, f"m{drifting.entries[-1].unit}")
+    in_milli = due(drifting, nominal, None, datetime.date(2017, 6, 1))
+    assert in_milli == due(drifting, Tolerance(0.01, 1.0), None, datetime.date(2017, 6, 1))
+    with pytest.raises(InputError, match="measures something else"):
+        Tolerance(0.01, 1.0, "m/s").limits(drifting)
     tight = due(drifting, Tolerance(0.0004), None, datetime.date(2017, 6, 1))
     assert tight.staircase_years == 0.7
     assert tight.date == drifting.entries[-1].date  # at once: U alone is as large

@@ -106,6 +106,7 @@ def _tolerances_by_type(
         limit = specification.limit(sensor.type or None, name)
         if limit is None or not limit.nominal or frequency_hz is not None:
             return None
-        return Tolerance(limit.half_width / abs(limit.nominal), limit.nominal)
+        relative = limit.half_width / abs(limit.nominal)
+        return Tolerance(relative, limit.nominal, limit.unit or "")
 
     return tolerance

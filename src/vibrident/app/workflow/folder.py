@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,11 +40,45 @@ class Folder:
     files: list[Path] = field(default_factory=list)
 
 
+def inputs_of(calibration: Path) -> list[Path]:
+    """Return a calibration file and the data files that it names."""
+    from vibrident.data.io.calibration_file import read_calibration_file
+    from vibrident.data.io.known_files import known_files
+    from vibrident.data.io.record_files import data_files
+
+    document = read_calibration_file(calibration)
+    folder = calibration.parent
+    names = [*data_files(document, folder, str(calibration)), *known_files(document)]
+    return [calibration, *(folder / name for name in names)]
+
+
+def refuse_to_replace(inputs: Sequence[Path], outputs: Iterable[Path]) -> None:
+    """Refuse outputs of which one would replace an input.
+
+    Raises:
+        InputError: names the file.
+    """
+    read = {path.resolve() for path in inputs}
+    for output in outputs:
+        if output.resolve() in read:
+            raise InputError(
+                "An output would replace a file that it is made from.",
+                expected="a folder without the input files",
+                found=output.name,
+                where=str(output.parent),
+                remedy="give another ⟦export.folder⟧",
+            )
+
+
 @contextlib.contextmanager
-def written_whole(target: Path) -> Iterator[Folder]:
+def written_whole(target: Path, inputs: Sequence[Path] = ()) -> Iterator[Folder]:
     """Collect files for ``target``, and move them there at the end; leave nothing on failure.
 
     Files of the same names are replaced, others stay.
+
+    Args:
+        target: the folder.
+        inputs: files that no output may replace.
     """
     if target.exists() and not target.is_dir():
         raise InputError(
@@ -70,8 +104,10 @@ def written_whole(target: Path) -> Iterator[Folder]:
             partial.mkdir(parents=True)
             yield folder
             new_files = [path for path in partial.rglob("*") if path.is_file()]
-            for file in sorted(new_files, key=lambda file: (file.name == _LAST, file)):
-                destination = target / file.relative_to(partial)
+            new_files.sort(key=lambda file: (file.name == _LAST, file))
+            destinations = [target / file.relative_to(partial) for file in new_files]
+            refuse_to_replace(inputs, destinations)
+            for file, destination in zip(new_files, destinations, strict=True):
                 destination.parent.mkdir(parents=True, exist_ok=True)
                 folder.files.append(file.replace(destination))
     except BrokenPipeError:

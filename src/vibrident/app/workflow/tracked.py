@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vibrident.app.workflow.folder import load_result
+from vibrident.app.workflow.folder import inputs_of, load_result, refuse_to_replace
 from vibrident.app.workflow.task_output import TaskOutput
 from vibrident.app.workflow.tracking import RECORDS, TrackingFiles
 from vibrident.base.errors import InputError
@@ -64,6 +64,8 @@ def track(
     from vibrident.use.tracking.session import TrackingSession
     from vibrident.use.tracking.state import TrackerSettings
 
+    outputs = [folder / name for name in ("track.csv", "track.json", "result.json")]
+    refuse_to_replace([result, *inputs_of(calibration)], outputs)
     calibrated = load_result(result)
     described = read_calibration_file(calibration)
     kind = SOURCES[source]
@@ -100,9 +102,8 @@ def track(
             chunks = kind.open(request)
         _run(chunks, session, files, progress, resumable=kind.resumable, length_s=length_s)
         document = files.end()
-    saved = tracked_result(calibrated, session).save(folder / "result.json")
-    written = [folder / "track.csv", folder / "track.json", saved]
-    return _describe(document, folder, dict(calibrated.sensor)), written
+    tracked_result(calibrated, session).save(outputs[-1])
+    return _describe(document, folder, dict(calibrated.sensor)), outputs
 
 
 def _sampling_rate_hz(described: CalibrationFile, calibration: Path) -> float:

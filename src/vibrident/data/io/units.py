@@ -103,6 +103,16 @@ def parse_unit(text: str) -> Unit | None:
     return _parse_product(plain)
 
 
+def conversion(stated: str, wanted: str) -> float | None:
+    """Return the factor from one unit to another; None where they do not measure the same."""
+    if stated == wanted:
+        return 1.0
+    units = parse_unit(stated), parse_unit(wanted)
+    if units[0] is None or units[1] is None or units[0].dimension != units[1].dimension:
+        return None
+    return units[0].factor / units[1].factor
+
+
 def without_brackets(text: str) -> str:
     """Take off brackets around the whole text."""
     while len(text) > 1 and text[0] + text[-1] in ("[]", "()", "{}", "<>") and _closes_last(text):

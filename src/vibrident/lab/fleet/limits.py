@@ -11,6 +11,7 @@ from vibrident.base.errors import InputError, unknown
 from vibrident.data.io.schema_errors import validated
 from vibrident.data.io.sections import FileSection, Number, Positive
 from vibrident.data.io.toml_text import read_toml
+from vibrident.data.io.units import conversion
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.physics.naming import parameter_names
 
@@ -44,6 +45,15 @@ class Limit(FileSection):
     def upper(self) -> float:
         """Return the upper limit."""
         return self.nominal + self.half_width
+
+    def in_unit(self, unit: str) -> Limit | None:
+        """Return the limit in a unit; None where its own measures something else."""
+        factor = 1.0 if self.unit is None else conversion(self.unit, unit)
+        if factor is None:
+            return None
+        tolerance = None if self.tolerance is None else self.tolerance * factor
+        changes = {"nominal": self.nominal * factor, "tolerance": tolerance, "unit": unit}
+        return self.model_copy(update=changes)
 
     def inside(self, values: FloatArray) -> BoolArray:
         """Return which values are within the limits, without regard to uncertainty; same shape."""

@@ -213,7 +213,7 @@ def _distributions(fleet: Statistics, specification: Specification) -> Iterator[
 def _numbers(group: FleetGroup, specification: Specification) -> Table:
     """Return a table with a row a parameter, and the limits that do not apply as notes.
 
-    A limit in another unit than the values does not apply.
+    A limit in a unit that measures something else does not apply.
     """
     title = " · ".join(word for word in (group.type or "type not stated", group.model) if word)
     notes = []
@@ -222,8 +222,8 @@ def _numbers(group: FleetGroup, specification: Specification) -> Table:
         if limit is not None and entry.limit is None:
             name = parameter_name(entry.parameter).words
             notes.append(
-                f"The limit of the {name} is in {limit.unit}, the values are in {entry.unit}: not "
-                "judged."
+                f"The limit of the {name} is in {limit.unit}, the values are in {entry.unit}: "
+                "none of them conforms."
             )
     limited = any(entry.limit for entry in group.distributions)
     heads = (

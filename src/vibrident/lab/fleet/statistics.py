@@ -55,7 +55,7 @@ class Distribution:
     greatest: float
     median_u: float | None  # of the standard uncertainties; None if none is stated
     histogram: Histogram
-    limit: Limit | None  # None if there is none, or it is in another unit
+    limit: Limit | None  # in that unit; None if there is none, or it cannot be converted
     conforming: int  # values within the limit
     certain: int  # values whose verdict holds for all values within U
     capability: float | None  # Cpk: mean to nearer limit, in units of 3 sd; None without a limit
@@ -134,7 +134,7 @@ def statistics(table: Path, tally: Tally, specification: Specification) -> Stati
         values = columns.numbers(parameter)
         u = columns.numbers(f"{parameter}_u")
         limits = [
-            _limit(specification, type_name, parameter, units)
+            _GroupLimit.of(specification, type_name, parameter, units)
             for type_name, units in zip(group_types, group_units, strict=True)
         ]
         verdict.judge(values, u, limits)
@@ -142,7 +142,7 @@ def statistics(table: Path, tally: Tally, specification: Specification) -> Stati
             rows = np.flatnonzero((group_of_row == group) & np.isfinite(values))
             if rows.size:
                 unit = group_units[group].get(parameter, "")
-                limit = limits[group]
+                limit = limits[group].limit
                 distributions[group].append(
                     _distribution(parameter, unit, values[rows], u[rows], limit)
                 )
@@ -206,11 +206,19 @@ class _LimitVerdict:
         self._certain = identified.copy()
         self.limited = np.zeros(identified.size, dtype=bool)
 
-    def judge(self, values: FloatArray, u: FloatArray, limits: Sequence[Limit | None]) -> None:
-        """Judge one parameter of all rows by the limit of each row's group."""
-        for number, limit in enumerate(limits):
+    def judge(self, values: FloatArray, u: FloatArray, limits: Sequence[_GroupLimit]) -> None:
+        """Judge one parameter of all rows by the limit of each row's group.
+
+        A row does not conform to a limit that cannot be used.
+        """
+        for number, of_group in enumerate(limits):
+            in_group = self._group == number
+            limit = of_group.limit
+            if of_group.is_unusable:
+                self.limited |= in_group
+                self._conforming[in_group] = False
+                self._certain[in_group] = False
             if limit is not None:
-                in_group = self._group == number
                 conforms = limit.inside(values[in_group])
                 self.limited |= in_group
                 self._conforming[in_group] &= conforms
@@ -236,14 +244,29 @@ def outlier_limit(count: int) -> float:
     return NormalDist().inv_cdf(1 - FALSE_ALARM / (2 * count)) * (1 + SMALL_COUNT_FACTOR / count)
 
 
-def _limit(
-    specification: Specification, type_name: str | None, parameter: str, units: NamedTexts
-) -> Limit | None:
-    """Return the limit of a parameter; None if there is none, or it is in another unit."""
-    limit = specification.limit(type_name, parameter)
-    if limit is None or limit.unit in (None, units.get(parameter)):
-        return limit
-    return None
+@dataclass(frozen=True)
+class _GroupLimit:
+    """Limit of a parameter for a group of sensors, in the unit of their values.
+
+    Attributes:
+        limit: None if there is none, or it is in a unit that cannot be converted.
+        is_unusable: whether there is one in such a unit.
+    """
+
+    limit: Limit | None
+    is_unusable: bool
+
+    @classmethod
+    def of(
+        cls, specification: Specification, type_name: str | None, parameter: str, units: NamedTexts
+    ) -> _GroupLimit:
+        """Find the limit of a parameter, and convert it."""
+        stated = specification.limit(type_name, parameter)
+        unit = units.get(parameter)
+        if stated is None or unit is None:
+            return cls(None, is_unusable=False)
+        limit = stated.in_unit(unit)
+        return cls(limit, is_unusable=limit is None)
 
 
 def _distribution(

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vibrident.base.errors import InputError
+from vibrident.data.io.units import conversion
 from vibrident.lab.history.life import DAYS_A_YEAR, Life
 
 RISK = 0.05  # probability of being outside the tolerance at which a calibration is due
@@ -27,10 +29,32 @@ class Tolerance:
 
     relative: float  # half width, relative to the nominal value
     nominal: float | None = None  # the value it is used with; None for that of its last calibration
+    unit: str = ""  # of the nominal value; empty for that of the life
+
+    def nominal_of(self, life: Life) -> float | None:
+        """Return the nominal value, in the life's unit; None where it is not stated.
+
+        Raises:
+            InputError: it is in a unit that measures something else.
+        """
+        if self.nominal is None or not self.unit:
+            return self.nominal
+        unit = life.entries[-1].unit
+        factor = conversion(self.unit, unit)
+        if factor is None:
+            raise InputError(
+                "The limit is in a unit that measures something else.",
+                expected=f"a unit of the calibrations, such as {unit}",
+                found=self.unit,
+                where="limits file",
+                remedy="correct nominal and unit of the limit",
+            )
+        return self.nominal * factor
 
     def limits(self, life: Life) -> tuple[float, float]:
-        """Return lower and upper limit, in the quantity's unit."""
-        centre = self.nominal if self.nominal is not None else float(life.value[-1])
+        """Return lower and upper limit, in the life's unit; errors as of :meth:`nominal_of`."""
+        nominal = self.nominal_of(life)
+        centre = nominal if nominal is not None else float(life.value[-1])
         return centre - self.relative * abs(centre), centre + self.relative * abs(centre)
 
 
@@ -118,7 +142,8 @@ def staircase(life: Life, tolerance: Tolerance, interval_years: float) -> float 
     before = np.flatnonzero((life.years < life.years[-1]) & (life.group == life.group[-1]))
     if not before.size:
         return None
-    used = tolerance.nominal if tolerance.nominal is not None else float(life.value[before[-1]])
+    nominal = tolerance.nominal_of(life)
+    used = nominal if nominal is not None else float(life.value[before[-1]])
     deviation = abs(float(life.value[-1]) / used - 1.0) if used else math.inf
     factor = (
         STAIRCASE_LONGER if deviation <= STAIRCASE_PART * tolerance.relative else STAIRCASE_SHORTER

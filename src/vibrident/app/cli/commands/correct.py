@@ -9,7 +9,7 @@ from vibrident.app.cli import options
 from vibrident.app.cli.console import show_output, show_written, warn
 from vibrident.app.cli.options import argument, flag, option
 from vibrident.app.cli.progress import ProgressBar
-from vibrident.app.workflow.folder import load_result, written_whole
+from vibrident.app.workflow.folder import inputs_of, load_result, written_whole
 
 
 def correct(
@@ -68,7 +68,8 @@ def correct(
 
     identified = load_result(result)
     data = read_guarded(calibration)
-    with written_whole(folder) as output, ProgressBar("Correcting"):
+    inputs = [result, *inputs_of(calibration)]
+    with written_whole(folder, inputs) as output, ProgressBar("Correcting"):
         from vibrident.app.workflow.uses import correct as run
 
         correction = run(identified, data, output.path, band_hz=limits, noise=noise, track=track)
@@ -109,7 +110,7 @@ def _correct_table(
         )
     from vibrident.use.correction import correct as run
 
-    with written_whole(folder) as output:
+    with written_whole(folder, [path]) as output:
         with ProgressBar("Correcting"):
             data = Calibration(
                 (read_signal(path, column, time, rate, scale, identified.response_unit),),

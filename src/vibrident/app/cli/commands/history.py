@@ -68,7 +68,12 @@ _FREQUENCY = option(
     "--frequency", "HZ", "The sensitivity at this nominal frequency.", default=False
 )
 _TOLERANCE = option("--tolerance", "REL", "Tolerance: 1% or 0.01.", default=False)
-_NOMINAL = option("--nominal", "VALUE", "Value it is used with.", default="the last calibration's")
+_NOMINAL = option(
+    "--nominal",
+    "VALUE",
+    "Value it is used with, in the unit without prefix, as V/(m/s²).",
+    default="the last calibration's",
+)
 _LIMITS = option(
     "--limits", "FILE", "Nominal values and tolerances by type, as for `vibrident fleet`."
 )

@@ -14,7 +14,7 @@ from vibrident.app.cli.options import argument, choice, flag, option
 from vibrident.app.cli.progress import ProgressBar
 from vibrident.app.cli.words import shell_word
 from vibrident.app.workflow.estimators import AUTO, estimator_names
-from vibrident.app.workflow.folder import written_whole
+from vibrident.app.workflow.folder import inputs_of, written_whole
 from vibrident.app.workflow.identification import IdentifyRequest, result_folders, run
 from vibrident.base.fields import Fields
 
@@ -161,7 +161,8 @@ def identify(
         work,
     )
     request.check(len(calibrations))
-    with written_whole(folder) as output:
+    inputs = [path for file in calibrations for path in inputs_of(file)]
+    with written_whole(folder, inputs) as output:
         results = _identify(request, calibrations, output.path, pictures, excerpts)
     _show(results, output.files, context, quiet=quiet, weights=weights)
     codes = dict.fromkeys(code for result in results for code in result.warning_codes)

@@ -8,7 +8,7 @@ from vibrident.app.cli import options
 from vibrident.app.cli.console import show_output, show_written
 from vibrident.app.cli.options import option
 from vibrident.app.cli.progress import ProgressBar
-from vibrident.app.workflow.folder import load_result, written_whole
+from vibrident.app.workflow.folder import inputs_of, load_result, written_whole
 
 
 def predict(
@@ -30,7 +30,8 @@ def predict(
 
     identified = load_result(result)
     data = read_guarded(calibration)
-    with written_whole(folder) as output, ProgressBar("Predicting"):
+    inputs = [result, *inputs_of(calibration)]
+    with written_whole(folder, inputs) as output, ProgressBar("Predicting"):
         from vibrident.app.workflow.uses import predict as run
 
         prediction = run(identified, data, output.path)
