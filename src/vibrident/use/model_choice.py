@@ -60,8 +60,12 @@ class Recommendation:
 def recommendation(results: Mapping[str, Result]) -> Recommendation:
     """Return the best of several models on the same data.
 
-    It is adequate and identifiable, and has the smallest BIC of those that are.
+    It is adequate and identifiable, and has the smallest BIC of those that are. None is better than
+    another where they are known to come from different data.
     """
+    if _is_of_different_data(results):
+        words = "These are results of different data: no criterion chooses between them."
+        return Recommendation(None, words)
     judged = {name: criteria(result) for name, result in results.items()}
 
     def order(name: str) -> tuple[float, int]:
@@ -72,7 +76,9 @@ def recommendation(results: Mapping[str, Result]) -> Recommendation:
         best = min(sound, key=order)
         rejected = [name for name, result in results.items() if result.model != results[best].model]
         words = f"Take {best}: it explains the data and they determine all its parameters"
-        reasons = [_reason_against(results[name], judged[name], judged[best]) for name in rejected]
+        reasons = [
+            _reason_against(name, results[name], judged[name], judged[best]) for name in rejected
+        ]
         return Recommendation(best, "; ".join([words, *dict.fromkeys(reasons)]) + ".")
     adequate = [name for name, result in results.items() if result.fit.adequate]
     if adequate:
@@ -92,6 +98,16 @@ def recommendation(results: Mapping[str, Result]) -> Recommendation:
     return Recommendation(None, words)
 
 
+def _is_of_different_data(results: Mapping[str, Result]) -> bool:
+    """Return whether the files of two results differ, or the units of their responses."""
+    known = set()
+    for result in results.values():
+        digests = {entry.get("sha256") for entry in result.provenance.get("files") or ()}
+        if digests - {None, ""}:
+            known.add((frozenset(digests), result.response_unit))
+    return len(known) > 1
+
+
 def _undetermined_parameters(result: Result) -> str:
     """Return the parameters that the data do not determine, in words."""
     return ", ".join(
@@ -99,12 +115,12 @@ def _undetermined_parameters(result: Result) -> str:
     )
 
 
-def _reason_against(result: Result, judged: Criteria, best: Criteria) -> str:
+def _reason_against(name: str, result: Result, judged: Criteria, best: Criteria) -> str:
     """Return the reason why another model is not recommended."""
     if not result.fit.adequate:
-        return f"{result.model} does not explain them"
+        return f"{name} does not explain them"
     if weak := _undetermined_parameters(result):
-        return f"they do not determine the {weak} of {result.model}"
+        return f"they do not determine the {weak} of {name}"
     if judged.bic is not None and best.bic is not None:
-        return f"{result.model} has a BIC larger by {judged.bic - best.bic:.3g}"
-    return f"{result.model} is sound too"
+        return f"{name} has a BIC larger by {judged.bic - best.bic:.3g}"
+    return f"{name} is sound too"

@@ -18,6 +18,7 @@ from vibrident.use.tracking import DRIFT_PER_YEAR, EVERY_S, FALSE_ALARMS_PER_DAY
 
 if TYPE_CHECKING:
     from vibrident.data.io.calibration_file import CalibrationFile
+    from vibrident.data.records import Calibration
     from vibrident.data.sources.source import Chunk
     from vibrident.result import Result
     from vibrident.use.tracking.session import TrackingSession
@@ -76,6 +77,7 @@ def track(
     chunks: Iterator[Chunk] = iter(())
     if source == RECORDS:
         data = read_guarded(calibration)
+        _note_known_records(calibrated, data, progress)
         length_s = sum(record.duration_s for record in data.records)
         session, chunks = TrackingSession.from_records(calibrated, data, settings, every_s)
     else:
@@ -104,6 +106,17 @@ def track(
         document = files.end()
     tracked_result(calibrated, session).save(outputs[-1])
     return _describe(document, folder, dict(calibrated.sensor)), outputs
+
+
+def _note_known_records(calibrated: Result, data: Calibration, progress: ProgressReporter) -> None:
+    """Say which records the calibration was made from: their information counts twice."""
+    known = {file["sha256"] for file in calibrated.provenance.get("files", ())}
+    names = [record.name for record in data.records if record.provenance.sha256 in known]
+    if names:
+        progress.note(
+            f"Note: the result was identified from {', '.join(names)}, too: what they say counts "
+            "twice, and the uncertainties are too small."
+        )
 
 
 def _sampling_rate_hz(described: CalibrationFile, calibration: Path) -> float:

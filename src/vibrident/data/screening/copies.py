@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from vibrident.data.records import FloatArray, Record
+from vibrident.data.records import Calibration, FloatArray, Record
 
 #: Begins the line of a record's history that names its copies.
 COUNTED_ONCE = "counted once: the same samples as in "
@@ -47,6 +47,18 @@ def without_copies(records: Sequence[Record]) -> tuple[Record, ...]:
             unique_records[first], provenance=unique_records[first].provenance.then(step)
         )
     return tuple(unique_records.values())
+
+
+def share_data(first: Calibration, second: Calibration) -> bool:
+    """Return whether two calibrations hold the same record, or the same table."""
+    if first.table is not None and second.table is not None:
+        pairs = (
+            (getattr(first.table, name), getattr(second.table, name))
+            for name in ("frequency_hz", "magnitude")
+        )
+        return all(np.array_equal(values, compared) for values, compared in pairs)
+    records = [*without_copies(first.records), *without_copies(second.records)]
+    return len(without_copies(records)) < len(records)
 
 
 def _copies(records: Sequence[Record], group: Sequence[int]) -> list[tuple[int, int]]:

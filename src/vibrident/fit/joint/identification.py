@@ -16,6 +16,7 @@ from vibrident.base.memory import in_one_thread
 from vibrident.base.participants import watching
 from vibrident.data.io import GivenCalibration, as_calibration
 from vibrident.data.records import Calibration
+from vibrident.data.screening.copies import share_data
 from vibrident.fit.decay import decays_alone
 from vibrident.fit.estimators import AUTO, Estimate, Estimator
 from vibrident.fit.identification import fit
@@ -89,6 +90,7 @@ def identify_together(
     """
     begin = time.perf_counter()
     calibrations = [as_calibration(calibration) for calibration in calibrations]
+    _refuse_copies(calibrations)
     names = _models(model, len(calibrations))
     if isinstance(estimator, Estimator) and estimator.for_one_calibration:
         raise ModelError(
@@ -119,6 +121,25 @@ def identify_together(
     return tuple(
         replace(result, settings={**result.settings, "time_s": spent}) for result in results
     )
+
+
+def _refuse_copies(calibrations: Sequence[Calibration]) -> None:
+    """Refuse calibrations of which two hold the same measurement, which would count twice.
+
+    Raises:
+        InputError: names the calibrations.
+    """
+    labels = _labels(calibrations)
+    for number, calibration in enumerate(calibrations):
+        for earlier in range(number):
+            if share_data(calibrations[earlier], calibration):
+                raise InputError(
+                    "Two calibrations hold the same measurement.",
+                    expected="each record and each table in one calibration",
+                    found=f"data of {labels[earlier]} in {labels[number]}, too",
+                    where="calibrations",
+                    remedy="leave it out of one of them",
+                )
 
 
 def _models(model: GivenModel | Sequence[GivenModel | None] | None, count: int) -> list[str | None]:
