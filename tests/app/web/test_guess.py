@@ -89,6 +89,13 @@ def test_the_preview_names_the_units_of_the_file(tmp_path):
         assert {trace["name"] for trace in drawn["data"]} == names
 
 
+def test_the_preview_is_in_seconds(tmp_path):
+    (tmp_path / "a.csv").write_text("t [ms],a [m/s²],v [V]\n" + "".join(f"{i / 4},{i},{i % 3}\n" for i in range(9)))
+    given = describe_guess(guess_columns(tmp_path / "a.csv"))
+    drawn = json.loads(preview(given, tmp_path, ["a.csv"], language("en")))
+    assert max(drawn["data"][0]["x"]) == pytest.approx(2e-3)
+
+
 def test_the_unit_of_the_response(tmp_path):
     assert csv(tmp_path, "t,ref [m/s^2],response [pC]").document["response"]["unit"] == "pC"
     assert csv(tmp_path, "t,ref [m/s^2],response").document["response"]["unit"] == "V"

@@ -1,6 +1,7 @@
 """TDMS, UFF 58, miniSEED, SAC, MDF and Parquet: the right numbers at the right rate, and a clear word on the rest."""
 
 import gc
+import shutil
 import sys
 
 import numpy as np
@@ -87,8 +88,11 @@ def test_without_the_library_the_message_has_the_install_line(tmp_path, refused,
 
 @everywhere
 def test_a_calibration_takes_the_rate_of_the_file_and_one_beside_it_must_agree(tmp_path, refused, name):
-    written(tmp_path, name)
-    columns = {"reference": 1, "response": 1 if name == "x.sac" else 2}
+    path = written(tmp_path, name)
+    columns = {"reference": 1, "response": 2}
+    if name == "x.sac":  # a channel a file
+        shutil.copy(path, tmp_path / "reference.sac")
+        columns = {"reference": 1, "response": 1, "record": 'reference_file = "reference.sac"'}
     (record,) = read(calibration(tmp_path, name, **columns)).records
     assert record.sampling_rate_hz == pytest.approx(102400.0, rel=1e-9, abs=0)
     np.testing.assert_array_equal(record.reference, SIGNALS["REF"].astype(float))
@@ -100,8 +104,11 @@ def test_a_calibration_takes_the_rate_of_the_file_and_one_beside_it_must_agree(t
 
 @pytest.mark.parametrize("name", ["x.uff", "x.sac"])
 def test_a_rate_within_the_rounding_of_the_file_is_the_better_one(tmp_path, name):
-    written(tmp_path, name)
-    columns = {"reference": 1, "response": 1 if name == "x.sac" else 2}
+    path = written(tmp_path, name)
+    columns = {"reference": 1, "response": 2}
+    if name == "x.sac":  # a channel a file
+        shutil.copy(path, tmp_path / "reference.sac")
+        columns = {"reference": 1, "response": 1, "record": 'reference_file = "reference.sac"'}
     stated = 102400.0 * (1 + 1e-8)
     (record,) = read(calibration(tmp_path, name, more=f"[sampling]\nrate_hz = {stated!r}", **columns)).records
     assert record.sampling_rate_hz == stated
@@ -314,21 +321,22 @@ def test_parquet_time_stamps_types_and_metadata(tmp_path, refused):
     columns = {
         "stamp": pyarrow.array(nanoseconds.astype("datetime64[ns]")),
         "counts": np.arange(5000, dtype=np.int16),
+        "more": np.arange(5000, dtype=np.int16),
         "v": pyarrow.array([1.0, None] * 2500),
         "word": ["a"] * 5000,
         "pair": [[1.0, 2.0]] * 5000,
     }
     parquet.write_table(pyarrow.table(columns), path)
     source = open_columns(path)
-    assert source.names == ("stamp", "counts", "v")
+    assert source.names == ("stamp", "counts", "more", "v")
     assert file_clock(source, 0) is None
-    counts, v = source.load([1, 2])
+    counts, v = source.load([1, 3])
     np.testing.assert_array_equal(counts, np.arange(5000.0))
     assert np.isnan(v[1])
     refused(lambda: source.position_of("word", "key"), found="string")
     refused(lambda: source.position_of("pair", "key"), found="list")
     more = '[sampling]\ntime_column = "stamp"'
-    (record,) = read(calibration(tmp_path, path.name, reference="counts", response="counts", more=more)).records
+    (record,) = read(calibration(tmp_path, path.name, reference="counts", response="more", more=more)).records
     assert record.sampling_rate_hz == pytest.approx(102400.0, rel=1e-9, abs=0)
     refused(lambda: read(calibration(tmp_path, path.name, reference="counts", response="v", more=more)), where="'v'")
     parquet.write_table(pyarrow.table({"v": TIME}).replace_schema_metadata({"sampling_rate_hz": "fast"}), path)

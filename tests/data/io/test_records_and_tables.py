@@ -140,6 +140,19 @@ def test_wav_gives_the_rate(load, tmp_path, refused):
     )
 
 
+def test_integers_of_a_wav_file_need_a_scale(load, tmp_path, refused):
+    """Parts of the full scale are no m/s², and what full scale is the file does not say."""
+    soundfile.write(tmp_path / "a.wav", np.column_stack([REFERENCE, RESPONSE]) / 2, 1000, subtype="PCM_24")
+    columns = "[reference]\ncolumn = 1\n{}[response]\ncolumn = 2\n"
+    refused(lambda: load(columns.format("") + entry("a.wav")), found="full scale", remedy="set scale")
+    assert load(columns.format("scale = 1.0\n") + entry("a.wav")).response_unit == "full scale"
+
+
+def test_a_column_is_not_both_channels(load, refused):
+    head = HEAD.replace('"ref"', '"resp"')
+    refused(lambda: load(head + RATE + entry()), problem="same column", found="'resp'", remedy="column under")
+
+
 def test_rate_of_one_entry(load, tmp_path):
     save(tmp_path / "b.csv", time=2 * TIME)
     calibration = load(HEAD + RATE + entry() + entry("b.csv", rate_hz=500.0, start_time_s=2.5))

@@ -666,7 +666,7 @@ def test_flac(tmp_path, refused):
         soundfile.write(path, np.column_stack([SIGNAL / 2, SIGNAL / 4]), 51200, subtype=subtype)
         source = open_columns(path)
         assert source.clock(1).rate_hz == 51200.0
-        assert source.stated_unit(1) == ""
+        assert source.stated_unit(1) == "full scale"
         np.testing.assert_allclose(source.load([1])[0], SIGNAL / 4, rtol=0, atol=step)
         np.testing.assert_array_equal(source.block([1], 3, 9)[0], source.load([1])[0][3:9])
     path.write_bytes(path.read_bytes()[:90])

@@ -14,6 +14,7 @@ from vibrident.app.web.translated import charts
 from vibrident.base.amounts import pretty
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import ColumnFile, require_room
+from vibrident.data.io.header_units import SourceColumn
 from vibrident.data.io.reader import open_columns
 from vibrident.data.io.units import split_brackets
 from vibrident.data.records import FloatArray
@@ -71,6 +72,8 @@ def _draw_columns(
     """Draw columns of a file below each other, over one of them or the sample number."""
     values = dict(zip(shown_columns, _load_beginnings(source, shown_columns), strict=True))
     x = None if across is None else _load_beginnings(source, [across])[0]
+    if x is not None and not table:
+        x = x * _seconds_in_unit(source, across)
     if x is not None and not table and x.size:  # times since 1970 make unreadable labels
         x = x - x[0]
     size = min((column.size for column in values.values()), default=0)
@@ -86,6 +89,15 @@ def _draw_columns(
         line = Series(abscissa, values[column][:size], Mixed(_column_title(source, column)), look)
         panels.append(Panel(below, axes.linear("", values[column]), (line,), 1.0))
     return Stack(tuple(panels))
+
+
+def _seconds_in_unit(source: ColumnFile, column: int | str | None) -> float:
+    """Return the seconds in the unit of a column of times, one where it states none."""
+    assert column is not None
+    with suppress(InputError):  # reported when the file is confirmed
+        position = source.position_of(column, "columns and units")
+        return SourceColumn(source, position).seconds or 1.0
+    return 1.0
 
 
 def _column_title(source: ColumnFile, column: int | str) -> str:

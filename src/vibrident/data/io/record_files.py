@@ -342,6 +342,14 @@ def open_channels(
         position = source.position_of(column, f"{section} column")
         source.require_over_time(position, f"{section} column")
         columns.append(SourceColumn(source, position, section))
+    if len({(column.source.file, column.position) for column in columns}) < len(columns):
+        raise InputError(
+            "Reference and response are the same column.",
+            expected="two columns",
+            found=repr(columns[0].header),
+            where=request.where,
+            remedy="correct column under [reference] or [response]",
+        )
     return columns
 
 

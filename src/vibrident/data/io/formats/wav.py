@@ -1,4 +1,4 @@
-"""WAV and FLAC files: one column a channel, full scale is 1. They state a rate, and no unit."""
+"""WAV and FLAC files: one column a channel. They state a rate, and what full scale is not."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ from vibrident.data.records import FloatArray
 
 #: libsndfile's names. A .wav file may hold MP3 or coded speech, which are not measured signals.
 _CONTAINERS = ("WAV", "WAVEX", "RF64", "W64", "FLAC")
-_SAMPLES = ("PCM_S8", "PCM_U8", "PCM_16", "PCM_24", "PCM_32", "FLOAT", "DOUBLE")
+_FLOATING_POINT = ("FLOAT", "DOUBLE")
+_SAMPLES = ("PCM_S8", "PCM_U8", "PCM_16", "PCM_24", "PCM_32", *_FLOATING_POINT)
+#: Unit of integer samples: no physical one before a scale.
+FULL_SCALE = "full scale"
 _PIECE_FRAMES = 1 << 18  # that are read at once
 _MAX_STATED_BYTES = 0x7FFF_0000  # a larger size is that of a stream, whose writer did not know it
 
@@ -22,7 +25,8 @@ _MAX_STATED_BYTES = 0x7FFF_0000  # a larger size is that of a stream, whose writ
 class WavFile(ColumnFile):
     """A file of "channel 1", "channel 2" and so on.
 
-    Integer samples become float64 in [−1, 1); floating-point ones stay.
+    Integer samples become float64 in [−1, 1), in parts of the full scale; floating-point ones stay,
+    in a unit that the file does not state.
     """
 
     expected = "a WAV or FLAC file of PCM or floating-point samples"
@@ -41,8 +45,9 @@ class WavFile(ColumnFile):
                 raise ValueError(f"the file ends at byte {file_bytes} of {size + 8}")
         clock = Clock(float(header.samplerate))
         frames = int(header.frames)
+        unit = "" if header.subtype in _FLOATING_POINT else FULL_SCALE
         channels = [
-            Channel(f"channel {number + 1}", number, clock, samples=frames)
+            Channel(f"channel {number + 1}", number, clock, samples=frames, unit=unit)
             for number in range(int(header.channels))
         ]
         super().__init__(path, channels, {})
