@@ -139,6 +139,7 @@ def test_a_later_file_replaces_what_an_earlier_one_states(tmp_path):
         ('[certificate]\nlogo = "none.svg"\n', "none.svg"),
         ('[certificate]\nlanguage = "it"\n', "en"),
         ('[[certificate.requirements]]\nquantity = "delay"\n', "low or high"),
+        ('[[certificate.requirements]]\nquantity = "delay"\nlow = 7\nhigh = 5\n', "at most high"),
         ("[certificate]\ntemperature_c = true\n", "a finite number"),
     ],
 )
@@ -440,7 +441,9 @@ def test_the_laboratorys_own_logo_and_template(tmp_path):
 def test_the_command(tmp_path):
     result = full(paper()).save(tmp_path / "result.json")
     given = file(tmp_path, WHOLE + 'country = "DE"\n')
-    assert shell.run("report", result, "--format", "pdf", "--certificate", given).exit_code == 0
+    reported = shell.run("report", result, "--format", "pdf", "--certificate", given)
+    assert reported.exit_code == 0
+    assert "of serial number 4712, as its file states" in " ".join(reported.output.split())
     assert "2026-7" in pages((tmp_path / "certificate.pdf").read_bytes())[0]
     done = shell.run("export", result, "--format", "dcc", "--certificate", given)
     assert done.exit_code == 0, done.output

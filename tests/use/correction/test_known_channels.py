@@ -68,6 +68,15 @@ def test_the_reference_is_compared_through_its_own_response(result):
     np.testing.assert_allclose(corrected.reference[800:-800], motion[800:-800], atol=0.02 * np.max(np.abs(motion)))
 
 
+@pytest.mark.parametrize(("factor", "is_said"), [(1.0, False), (10.0, True), (-1.0, True)])
+def test_a_record_of_other_units_contradicts_its_reference(result, factor, is_said):
+    calibration, _ = through("shock", response_known_response=STATED)
+    (record,) = calibration.records
+    scaled = replace(calibration, records=(replace(record, response=factor * record.response),))
+    findings = correct(result, scaled, band_hz=(0.0, 4000.0)).findings
+    assert is_said == any(finding.code == "units_suspect" for finding in findings)
+
+
 def test_a_reference_that_is_not_known_in_the_band_is_not_compared_and_said(result):
     hz = np.geomspace(30.0, 2000.0, 60)
     known = KnownResponse.from_table(hz, np.ones(60), np.zeros(60))

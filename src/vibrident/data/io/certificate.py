@@ -109,6 +109,9 @@ class RequirementSection(FileSection):
     def _limited(self) -> RequirementSection:
         if self.low is None and self.high is None:
             raise ValueError("a requirement has low or high, or both")
+        for lower, upper in ((self.low, self.high), (self.from_hz, self.to_hz)):
+            if lower is not None and upper is not None and lower > upper:
+                raise ValueError("the lower limit is above the upper one")
         return self
 
 
@@ -155,7 +158,8 @@ class CertificateSection(FileSection):
     opinions: _Lines | None = None
     requirements: list[RequirementSection] = Field(
         default=[],
-        description="[[certificate.requirements]], each with a quantity and low or high or both",
+        description="[[certificate.requirements]], each with a quantity and low or high or both, "
+        "low at most high, and from_hz at most to_hz",
     )
     decision_rule: Literal["simple", "guarded"] | None = None
     budget: Printed | None = key("Uncertainty budget", words=_PRINTED)

@@ -377,4 +377,12 @@ def _findings(
             f"model, which was calibrated up to {calibrated_hz[-1]:.4g} Hz."
         )
         findings.append(ScreeningFinding("band_sensitive", text))
+    agreement = correction.agreement
+    if agreement is not None and agreement.is_contradiction:
+        text = (
+            f"{name}: what was restored is not the motion of the reference, from which it differs "
+            f"by {agreement.nrmse:.3g} times the reference's rms. Is it a record of another sensor, "
+            "or of other units?"
+        )
+        findings.append(ScreeningFinding("units_suspect", text))
     return findings

@@ -43,6 +43,7 @@ needs results alone."""
     from vibrident.show.issue import check_numbers, issued
 
     issues = [issued(load_result(path), certificate or []) for path in results]
+    _note_serial_numbers(results, [result for result, _ in issues])
     everything = [result for result, _ in issues]
     is_single = len(issues) == 1
     more = _histories(results, everything, store, form)
@@ -67,6 +68,18 @@ needs results alone."""
                 write(document, form, target_file, names, sections, issue)  # type: ignore[arg-type]
         written += output.files
     show_written([file for file in written if file.suffix == f".{form}"])
+
+
+def _note_serial_numbers(paths: list[Path], stated: list[Result]) -> None:
+    """Say where a certificate file states another serial number than the calibration did."""
+    for path, result in zip(paths, stated, strict=True):
+        identified = load_result(path).sensor.get("serial_number")
+        given = result.sensor.get("serial_number")
+        if identified not in (None, "", given):
+            note(
+                f"Note: the certificate is of serial number {given}, as its file states; {path} is "
+                f"of {identified}."
+            )
 
 
 def _refuse_file_name(folder: Path | None) -> None:
