@@ -7,6 +7,7 @@ Its uncertainty has an origin for each entry of ``ORIGINS``; see ``components`` 
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -377,12 +378,21 @@ def _findings(
             f"model, which was calibrated up to {calibrated_hz[-1]:.4g} Hz."
         )
         findings.append(ScreeningFinding("band_sensitive", text))
-    agreement = correction.agreement
-    if agreement is not None and agreement.is_contradiction:
+    if _contradicts_reference(correction):
         text = (
-            f"{name}: what was restored is not the motion of the reference, from which it differs "
-            f"by {agreement.nrmse:.3g} times the reference's rms. Is it a record of another sensor, "
-            "or of other units?"
+            f"{name}: what was restored is not the motion of the reference, as zero would be "
+            "nearer to it. Is it a record of another sensor, or of other units?"
         )
         findings.append(ScreeningFinding("units_suspect", text))
     return findings
+
+
+def _contradicts_reference(correction: Correction) -> bool:
+    """Return whether zero is nearer to the reference than the acceleration, beyond U."""
+    agreement = correction.agreement
+    if agreement is None or agreement.nrmse is None:
+        return False
+    # The agreement is of samples away from the ends.
+    variance = correction.standard_uncertainty**2 - correction.components["ends"] ** 2
+    expanded = 2.0 * math.sqrt(max(float(np.nanmean(variance)), 0.0))
+    return agreement.nrmse > 1.0 and agreement.rmse > expanded

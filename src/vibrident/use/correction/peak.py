@@ -178,11 +178,6 @@ class ReferenceAgreement:
     # part of these samples whose deviation lies within k = 1.96 of its uncertainty
     within_95_percent: float
 
-    @property
-    def is_contradiction(self) -> bool:
-        """Return whether zero would be nearer to the reference, and the uncertainty hides it."""
-        return (self.nrmse or 0.0) > 1.0 and self.within_95_percent < 0.5
-
 
 @dataclass(frozen=True)
 class ReferenceMotion:
