@@ -72,6 +72,24 @@ def test_each_file_has_its_own_clock(tmp_path, later):
         assert record.samples == 4096 - abs(later)
 
 
+@pytest.mark.parametrize(("digits", "width_s"), [(3, 1e-3), (6, 1e-6)])
+def test_the_digits_of_a_stated_start_are_in_u(tmp_path, digits, width_s):
+    """Starts of two files, 8.25 samples apart: each is known to its last decimal."""
+    h5py = pytest.importorskip("h5py")
+    time = np.arange(4096) / RATE
+    later_s = 8.25 / RATE
+    channels = {"r.h5": ("a", motion(time), 0.0), "x.h5": ("v", answer(time + later_s), later_s)}
+    for file, (name, values, start_s) in channels.items():
+        with h5py.File(tmp_path / file, "w") as made:
+            made[name] = values
+            made[name].attrs.update({"fs": RATE, "start_time": f"2026-11-22T10:00:{start_s:0{digits + 3}.{digits}f}"})
+    path = calibration(tmp_path, entry='reference_file = "r.h5"')
+    path.write_text(path.read_text().replace("x.csv", "x.h5"))
+    (effect,) = read(path).effects
+    assert effect.kind == "timing"
+    assert effect.standard_uncertainty == pytest.approx(width_s / np.sqrt(6.0), rel=1e-9)
+
+
 def test_a_second_time_column_is_the_clock_of_what_follows_it(tmp_path):
     time = np.arange(4096) / RATE
     other = time + 7.4 / RATE

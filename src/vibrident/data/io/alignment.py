@@ -7,12 +7,14 @@ resampled, band-limited. The record's history states the resulting limits.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.data.io.clocks import ChannelClock, is_same_rate
+from vibrident.data.io.columns import StartTime
 from vibrident.data.io.header_units import SourceColumn
 from vibrident.data.io.sampling import ROUNDING_SAMPLES, cut, first_sample_at
 from vibrident.data.io.timeline import Timeline
@@ -326,15 +328,30 @@ def _delay_of_reference(response: ClockedChannel, reference: ClockedChannel) -> 
     allowed = ROUNDING_SAMPLES + _START_ROUNDING_S * response.rate_hz
     if is_same and has_length and abs(delay_s * response.rate_hz) <= allowed:
         return 0.0, 0.0
-    variance = sum(line.rounding_s**2 / 12.0 for line in stamps if line is not None)
-    return delay_s, math.sqrt(variance)
+    slower_hz = min(response.rate_hz, reference.rate_hz)
+    digits_s = _digits_of_starts((start, reference_start), delay_s * slower_hz)
+    rounding_s = [digits_s if line is None else line.rounding_s for line in stamps]
+    return delay_s, math.sqrt(sum(width_s**2 for width_s in rounding_s) / 12.0)
+
+
+def _digits_of_starts(starts: Sequence[StartTime], apart_samples: float) -> float:
+    """Return the width of the last decimal in which two starts are stated, s.
+
+    It is 0 where they are a whole number of samples apart, as those of one clock are: no rounding
+    makes that.
+    """
+    if abs(apart_samples - round(apart_samples)) <= ROUNDING_SAMPLES:
+        return 0.0
+    texts = [str(start.ns) for start in starts if start.ns != 0]
+    zeros = min(len(text) - len(text.rstrip("0")) for text in texts)
+    return 10.0**zeros * 1e-9
 
 
 def _unread_times(channel: ClockedChannel) -> InputError:
     return InputError(
         "When the channels of two files began is not known.",
         expected="times that can be read in both files, or no times in both",
-        found="times that are text, missing, or go back",
+        found="times that are text, missing, rounded to more than a sample, or go back",
         where=channel.column.source.file,
         remedy="repair the times; or remove them from both files, if both channels begin together",
     )

@@ -351,7 +351,7 @@ def _convert(
     sure = column.file_unit[1] or (parsed is not None and not _is_time_like(parsed))
     if (
         sure
-        and abs(section.scale) == 1.0
+        and "scale" not in section.model_fields_set
         and not is_no_unit(text)
         and unit != REFERENCE_UNITS["drive"]
     ):
