@@ -78,6 +78,7 @@ class Departure(ABC):
         name: of the kind.
         code: of the warning where it matters.
         pooled: whether the records share its amounts.
+        compares_records: whether it is a record's difference from the others; never in all records.
         own_columns: whether its columns are tested for what each moves, as each may be there
             without the others.
         of_light: whether it is looked for in a sine by an interferometer's raw light, whose noise
@@ -95,6 +96,7 @@ class Departure(ABC):
     name: ClassVar[str]
     code: ClassVar[WarningCode]
     pooled: ClassVar[bool] = True
+    compares_records: ClassVar[bool] = False
     own_columns: ClassVar[bool] = False
     of_light: ClassVar[bool] = False
     joint: ClassVar[bool] = True

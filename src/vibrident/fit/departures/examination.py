@@ -301,18 +301,21 @@ def _group_of_kind(
 
 
 def _strongest(departures: Sequence[SignificantDeparture]) -> list[SignificantDeparture]:
-    """Return the departure that explains most; where that is of records, in all that have it."""
-    if not departures:
-        return []
-    kinds = {departure.kind for departure in departures}
-    explained = {
-        kind: sum(departure.score.explained for departure in departures if departure.kind is kind)
-        for kind in kinds
-    }
-    strongest = max(explained, key=lambda kind: explained[kind])
-    return sorted(
-        (departure for departure in departures if departure.kind is strongest),
-        key=lambda departure: -departure.score.explained,
+    """Return the departure that explains most; where that is of records, in all that have it.
+
+    Of records that are compared with each other it is in one: it moves what the others are compared
+    with.
+    """
+    by_kind: dict[Departure, list[SignificantDeparture]] = {}
+    for departure in sorted(departures, key=lambda departure: -departure.score.explained):
+        by_kind.setdefault(departure.kind, []).append(departure)
+    candidates = [
+        of_kind[:1] if kind.compares_records else of_kind for kind, of_kind in by_kind.items()
+    ]
+    return max(
+        candidates,
+        key=lambda of_kind: sum(departure.score.explained for departure in of_kind),
+        default=[],
     )
 
 

@@ -15,6 +15,7 @@ from vibrident.fit.departures.kinds.clocks import CLOCKS, slope_with_time
 from vibrident.fit.departures.score import LinearFit
 from vibrident.fit.departures.sources import groups_of
 from vibrident.fit.departures.sums import ExactSums, RecordInformation
+from vibrident.fit.descent.train import MIN_EXPLAINED_SHARE
 from vibrident.fit.judge.attempts import MAX_SETTLED_STEP, Fitted
 from vibrident.fit.judge.departure_report import departure_names, departures_of
 from vibrident.fit.response.bands import band_edges
@@ -135,7 +136,10 @@ def _settle_offset(fitted: Fitted, known: bool, nearby: float) -> tuple[Fitted, 
         if step is None:
             break
         change, u = step
-        if round_number == 0 and not (known or nearby) and abs(change) < MIN_SIGMA * u:
+        # First order tells where most of the response is explained.
+        is_told = fitted.adequate or fitted.judgement.explained > MIN_EXPLAINED_SHARE
+        is_first = round_number == 0 and not (known or nearby)
+        if is_first and is_told and abs(change) < MIN_SIGMA * u:
             return None
         # ε may be beyond first order.
         steps = [nearby] if round_number == 0 and nearby else []

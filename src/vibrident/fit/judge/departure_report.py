@@ -243,12 +243,15 @@ class _Report:
     def _warning(self, group: DepartureGroup) -> ResultWarning:
         """Return the warning of a group, one for all its records."""
         first = group.departures[0]
-        more_records = len({departure.record for departure in group.departures}) - 1
         # The most significant of each kind.
         kinds = {departure.kind: departure for departure in reversed(group.departures)}
         text = " ".join(
             _describe(departure) for departure in sorted(kinds.values(), key=group.departures.index)
         )
+        described = {departure.record for departure in kinds.values()}
+        records = {departure.record for departure in group.departures}
+        # No record is named by what all records show together.
+        more_records = len(records - described - {None, ""})
         if more_records:
             text = (
                 f"{text} So it is in {more_records} more record{'s' if more_records > 1 else ''}."

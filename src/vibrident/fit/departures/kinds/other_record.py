@@ -24,6 +24,7 @@ class OtherRecord(Departure):
     name: ClassVar[str] = "other-record"
     code: ClassVar[WarningCode] = "regimes"
     pooled: ClassVar[bool] = False
+    compares_records: ClassVar[bool] = True
     family: ClassVar[str] = "change"
 
     def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
