@@ -38,6 +38,21 @@ def test_the_misfit_of_a_tone_is_no_harmonic_of_it(lacking):
     assert "nonlinear" not in {finding.code for finding in result.findings}
 
 
+@pytest.mark.parametrize("reversed_hz", [100, 600, 1600])
+def test_a_sine_without_which_the_model_suffices_is_named(reversed_hz):
+    """A second mode explains a reversed sine, too; the record is named all the same."""
+    rng = np.random.default_rng(reversed_hz)
+    time = np.arange(SAMPLES) / RATE_HZ
+    records = []
+    for hz in (50, 100, 200, 400, 600, 800, 900, 1000, 1200, 1600):
+        response = np.real(10.0 * accelerometer(hz) * np.exp(2j * np.pi * hz * time))
+        response = (-1.0 if hz == reversed_hz else 1.0) * response + NOISE * rng.standard_normal(SAMPLES)
+        records.append(Record(f"s{hz}", 10.0 * np.cos(2.0 * np.pi * hz * time), response, RATE_HZ, "sine"))
+    result = vibrident.identify(Calibration(records=tuple(records), model="accelerometer"))
+    (message,) = [warning.message for warning in result.warnings if warning.code == "lack_of_fit"]
+    assert f"Without s{reversed_hz} the model explains them" in message
+
+
 @pytest.mark.parametrize("seed", [2, 5])
 def test_a_right_model_behind_a_noisy_displacement_does_not_lack(seed):
     """Noise that a displacement's second derivative amplifies hid the motion, and the sensor was blamed."""

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 from vibrident.base.amounts import plain
 from vibrident.base.errors import VibridentError
+from vibrident.data.records.basis import distinct
 from vibrident.fit.descent.train import MIN_EXPLAINED_SHARE
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem
@@ -29,11 +30,12 @@ def with_remedy(fitted: Fitted) -> Fitted:
     the one from there. Models are tried at the excited frequencies, from the values of the present
     one, and the likely ones by one fit of the records from there.
     """
-    evidence = fitted.evidence
-    judgement = fitted.judgement
-    declared = judgement.adequacy.chi2_reduced or 0.0
+    declared = fitted.judgement.adequacy.chi2_reduced or 0.0
     if fitted.adequate or declared <= 0.0 or not _may_lack_model(fitted):
         return fitted
+    fitted = _with_record_apart(fitted)
+    evidence = fitted.evidence
+    judgement = fitted.judgement
     for candidate, values in itertools.islice(_likely_models(fitted), 2):
         try:
             better = fitted.once(replace(evidence, model=candidate, start=values))
@@ -53,6 +55,44 @@ def with_remedy(fitted: Fitted) -> Fitted:
             )
             return replace(fitted, judgement=judgement)
     return fitted
+
+
+def _with_record_apart(fitted: Fitted) -> Fitted:
+    """Return the fit of sines, its judgement with the one record without which the model suffices.
+
+    Without it the points have a tenth of the χ² that they have without any other record. What is
+    stated is the χ² of a fit without it.
+    """
+    evidence = fitted.evidence
+    problem = evidence.first_look
+    if evidence.tones is None or problem is None or not evidence.only_sines:
+        return fitted
+    records = evidence.tones.record
+    starts: list[tuple[float, int, dict[str, float]]] = []
+    for number in distinct(records).tolist():
+        data = tuple(values[records != number] for values in problem.data)
+        start = _start_of_model(replace(problem, data=data), evidence.model, fitted, math.inf)
+        if start is not None:
+            starts.append((start.costs[-1], number, start.values))
+    starts.sort(key=lambda entry: entry[0])
+    if len(starts) < MIN_FREEDOM or starts[0][0] > 0.1 * starts[1][0]:
+        return fitted
+    _, number, values = starts[0]
+    others = tuple(record for k, record in enumerate(evidence.records) if k != number)
+    try:
+        rest = fitted.once(replace(evidence.with_records(others), start=values))
+    except VibridentError:
+        return fitted
+    if not rest.adequate:
+        return fitted
+    chi2 = rest.judgement.adequacy.chi2_reduced or 0.0
+    text = (
+        f"Without {evidence.records[number].name} the model explains them (χ²/dof = "
+        f"{plain(chi2, 3)}): was that taken with another sensor, range or wiring?"
+    )
+    judgement = fitted.judgement
+    judgement = replace(judgement, lack_of_fit=f"{judgement.lack_of_fit} {text}")
+    return replace(fitted, judgement=judgement)
 
 
 def _nested(fitted: Fitted, better: Fitted) -> Fitted | None:
