@@ -280,7 +280,8 @@ class _Descents:
         weighting = _without_model(survey.band, survey.observed)
         starts = survey.starts(evidence)
         descents = cls(survey, weighting, _descended(evidence, survey, weighting, starts, progress))
-        if evidence.start is not None or descents.cost_per_number < MAX_START_COST:
+        explains = descents.cost_per_number < MAX_START_COST
+        if explains or evidence.is_trial or evidence.start is not None:
             return descents
         return descents._repeated(evidence, progress)
 

@@ -78,7 +78,7 @@ def _at_known_offset(fitted: Fitted, best: Fitted, u: float, has_offset: bool) -
     Of ringing alone, two clocks and another natural frequency are one; motion that goes on tells
     them apart.
     """
-    if has_offset and math.isfinite(u) and _is_stationary(best):
+    if has_offset and math.isfinite(u) and _goes_on(best):
         return _with_statement(best, u)
     at_no_offset = _fit_at_one_clock(best)
     may_state = math.isfinite(u) and not best.judgement.shares.lacking
@@ -87,6 +87,11 @@ def _at_known_offset(fitted: Fitted, best: Fitted, u: float, has_offset: bool) -
     if may_state and not _suffices(at_no_offset, best, has_offset):
         return _with_statement(best, u)
     return at_one_clock(at_no_offset)
+
+
+def _goes_on(fitted: Fitted) -> bool:
+    """Return whether the motion of every record is driven to its end."""
+    return all(record.excitation not in ("shock", "decay") for record in fitted.evidence.records)
 
 
 def _is_stationary(fitted: Fitted) -> bool:
@@ -182,7 +187,9 @@ def _fit_at_offset(fitted: Fitted, offset: float) -> Fitted | None:
         return None
     try:
         evidence = fitted.evidence.at_clock(offset)
-        return fitted.anew(evidence) if fitted.adequate else fitted.once(evidence)
+        if fitted.adequate:
+            return fitted.anew(evidence)
+        return replace(fitted.once(replace(evidence, is_trial=True)), evidence=evidence)
     except VibridentError:
         return None
 
@@ -193,7 +200,8 @@ def _fit_at_one_clock(fitted: Fitted) -> Fitted | None:
     What fits at a wrong clock is no start at the right one.
     """
     try:
-        candidate = fitted.once(fitted.evidence.at_clock(0.0))
+        evidence = fitted.evidence.at_clock(0.0)
+        candidate = replace(fitted.once(replace(evidence, is_trial=True)), evidence=evidence)
     except VibridentError:
         return None
     return None if math.isnan(candidate.judgement.shares.explained) else candidate

@@ -63,6 +63,8 @@ class Evidence:
         clock_offset: ε, by which intervals of the response were longer than those of the reference.
         at_own_clocks: the records before they were brought to one clock; empty where they were not.
         corrections: what the records are corrected for, one of each stated effect; empty: nothing.
+        is_trial: whether the data are of use only if a start explains them: none is searched for
+            beside a model error.
     """
 
     calibration: Calibration
@@ -75,6 +77,7 @@ class Evidence:
     clock_offset: float = 0.0
     at_own_clocks: tuple[Record, ...] = ()
     corrections: tuple[EffectCorrection, ...] = ()
+    is_trial: bool = False
 
     @classmethod
     def gather(
