@@ -729,6 +729,8 @@ def test_structures_without_columns_state_what_their_structure_is(tmp_path):
         "s": {"x_values": axis, "y_values": {"values": SIGNAL, "quantity": {"label": "g"}}},
         "a": SIGNAL,
         "b": {"data": np.column_stack([SIGNAL, SIGNAL]), "units": np.array(["g ", "mV"])},
+        "D": np.column_stack([SIGNAL, SIGNAL]),
+        "D_units": np.array(["g", "mV"], dtype=object),
         "info": {"fs": 500.0},
     }
     scipy.io.savemat(tmp_path / "x.mat", content)
@@ -739,6 +741,8 @@ def test_structures_without_columns_state_what_their_structure_is(tmp_path):
         "a": (500.0, ""),
         "b.data:1": (500.0, "g"),
         "b.data:2": (500.0, "mV"),
+        "D:1": (500.0, "g"),
+        "D:2": (500.0, "mV"),
     }
 
 

@@ -191,7 +191,7 @@ def nearest_unit(
     unit = unit_of(own_statements, index, count)
     of_column = outer.get(f"unit {_plain_word(name)}")
     if not unit and of_column is not None:
-        unit = unit_of({"unit": of_column})
+        unit = unit_of({"unit": of_column}, index, count)
     if unit or is_time(name) or is_frequency(name, ""):
         return unit
     return unit_of(outer, index, count)

@@ -135,6 +135,7 @@ def lack_of_fit(estimate: Estimate) -> tuple[tuple[float | None, int, bool], str
         f"is {np.sqrt(ratio):.3g} times as far off as the noise explains (χ²/dof = {ratio:.4g}, "
         f"{degrees} degrees of freedom)."
     )
+    text = " ".join([text, *(second_mode.words for second_mode in decays.second_modes)])
     return (ratio if degrees > 0 else None, degrees, adequate and not decays.changes), text
 
 

@@ -31,6 +31,7 @@ from vibrident.fit.decay.motion import (
 )
 from vibrident.fit.decay.noise import WHITE, Noise, autoregression, tones_of, without_columns
 from vibrident.fit.decay.release import free_stretch, trimmed, without_first
+from vibrident.fit.decay.second_mode import SecondMode, with_second_mode
 from vibrident.fit.optimise import Progress, silent
 from vibrident.fit.response.verdict import REJECTION
 
@@ -101,10 +102,12 @@ class Decays:
     Attributes:
         fit: of all decays together.
         changes: of the records in which beginning and end differ.
+        second_modes: of the records that two linear modes explain, and one does not.
     """
 
     fit: DecayFit
     changes: tuple[OscillatorChange, ...]
+    second_modes: tuple[SecondMode, ...] = ()
 
     @property
     def freedom(self) -> float:
@@ -147,6 +150,9 @@ def examine(
     stretches = [start.stretches[0] for start in starts]
     fits = (fit(stretches, *start.values, progress) for start in starts)
     best = min(fits, key=lambda candidate: candidate.cost)
+    second_modes = tuple(filter(None, map(second_mode_of, starts)))
+    if second_modes:
+        return Decays(best, (), second_modes)
     changes = tuple(filter(None, map(change_of, starts)))
     if not changes and len(starts) > 1:  # too small for one decay to show
         largest = max(starts, key=lambda start: float(np.max(np.abs(start.free()))))
@@ -161,6 +167,17 @@ def verdict(misfits: Sequence[MotionMisfit]) -> tuple[float, int, bool]:
     freedom = sum(misfit.freedom for misfit in misfits)
     chance = f_tail(degrees, freedom, chi2 / degrees) if degrees > 0 else 1.0
     return chi2, degrees, chance >= REJECTION
+
+
+def second_mode_of(decay: DecayFit) -> SecondMode | None:
+    """Return the second mode that explains what one leaves of a decay; None where none does."""
+    if verdict(misfits_of(decay))[-1]:
+        return None
+    beside = with_second_mode(decay)
+    if beside is None:
+        return None
+    fit_beside, second_mode = beside
+    return second_mode if verdict(misfits_of(fit_beside))[-1] else None
 
 
 def weighed(decay: DecayFit) -> DecayFit:

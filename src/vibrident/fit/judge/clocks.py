@@ -141,8 +141,9 @@ def _settle_offset(fitted: Fitted, known: bool, nearby: float) -> tuple[Fitted, 
         if step is None:
             break
         change, u = step
-        # First order tells where most of the response is explained.
-        is_told = fitted.adequate or fitted.judgement.explained > MIN_EXPLAINED_SHARE
+        # First order tells where most of the response to steady motion is explained.
+        explains = fitted.judgement.explained > MIN_EXPLAINED_SHARE and _is_stationary(fitted)
+        is_told = fitted.adequate or explains
         is_first = round_number == 0 and not (known or nearby)
         if is_first and is_told and abs(change) < MIN_SIGMA * u:
             return None
