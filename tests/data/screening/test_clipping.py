@@ -413,7 +413,7 @@ def test_lost_time_is_found_and_cut_off(motion: str, rng: np.random.Generator) -
     """Both channels lose 37 samples: the longer part stays, whatever the response is. Whole ones stay whole."""
     for part in (0.3, 0.6) * 5:
         motion_, at = MOTIONS[motion](rng), int(part * N)
-        response = np.convolve(motion_, np.exp(-0.3 * np.arange(40)), mode="same")
+        response = np.convolve(motion_, np.exp(-0.3 * np.arange(40)))[:N]
         channels = [v + 1e-3 * np.std(v) * rng.standard_normal(N) for v in (motion_, response)]
         assert find_breaks(*(PredictedChannel.from_samples(ChannelSamples(one, ALL)) for one in channels)).size == 0
         cut = [np.delete(values, slice(at, at + 37)) for values in channels]
@@ -426,6 +426,20 @@ def test_lost_time_is_found_and_cut_off(motion: str, rng: np.random.Generator) -
     assert "break off at 2.4" in said.message or "break off at 2.39" in said.message
     assert not kept.mask[at + 2 :].any()
     assert kept.mask[: at - 4].all()
+
+
+@pytest.mark.parametrize("size", [0.0, 5.0, 20.0])
+def test_wild_samples_at_the_end_are_left_out(size: float, rng: np.random.Generator) -> None:
+    """What comes after them is not known; the reference denies them. At zero, the channel has stopped."""
+    motion = band_limited(rng)
+    response = np.convolve(motion, np.exp(-0.3 * np.arange(40)))[:N]
+    channels = [v / np.std(v) + 1e-3 * rng.standard_normal(N) for v in (motion, response)]
+    assert screen([Record("r", *channels, 1e3, "random")])[1] == ()
+    channels[1][-25:] = size * rng.uniform(-1.0, 1.0, 25)
+    (screened,), (said,) = screen([Record("r", *channels, 1e3, "random")])
+    assert said.code == "dead_channel"
+    assert not screened.mask[-20:].any()
+    assert screened.mask[:-45].all()
 
 
 def test_two_equal_tops_of_a_slow_tone_are_no_rail() -> None:

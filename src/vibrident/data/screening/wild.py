@@ -51,8 +51,8 @@ MAX_LONG_RUN_SAMPLES = 400
 MAX_SHORT_RUN_SAMPLES = 2
 #: Samples next to a longer run that are probably wild, too, but not far enough off to show it.
 GUARD_SAMPLES = 4
-#: Wild samples at an end exceed all others by this factor, as no transient does.
-MIN_END_PROMINENCE = 3.0
+#: Wild samples at the begin exceed all others by this factor, as no transient does.
+MIN_BEGIN_PROMINENCE = 3.0
 #: Largest number of wild runs over the number of samples; more of them are the channel's nature.
 MAX_WILD_SHARE = 0.01
 #: Samples on either side that show the usual size of errors, in addition to those that a run of
@@ -229,23 +229,25 @@ class PredictedChannel:
     def _end_events(self) -> Iterator[ChannelEvent]:
         """Yield the runs from the begin, and to the end, that the samples beside do not explain.
 
-        They exceed all others by far: a sensor that begins at rest is not explained either.
+        At the begin they exceed all others by far: a sensor that begins at rest, or with free
+        motion, is not explained either.
         """
         samples = self.series.size
         for is_begin in (True, False):
-            near = slice(0, 3 * ORDER) if is_begin else slice(samples - 3 * ORDER, samples)
-            if not self.valid[near].all():
+            reach = self.max_run_samples + 2 * ORDER
+            near = slice(0, reach) if is_begin else slice(samples - reach, samples)
+            if samples < 2 * reach or not self.valid[near].all():
                 continue
             errors = self.prediction.errors(self.series[near])[is_begin]
             size = np.abs(errors[::-1] if is_begin else errors)  # towards the end
-            inner = 2 * ORDER if is_begin else samples - 2 * ORDER
+            inner = reach if is_begin else samples - reach
             usual = float(self.usual_size(np.array([inner]))[0]) * self.prediction.deviation
             odd = np.flatnonzero(size > MAX_NOISE_SIGMA * usual)
             strength = float(np.max(size)) / usual
             if odd.size and odd[0] >= ORDER and strength > MIN_WILD_SIGMA:
                 length = size.size - int(odd[0])
                 run = slice(0, length) if is_begin else slice(samples - length, samples)
-                if self.prominence(run) > MIN_END_PROMINENCE:
+                if not is_begin or self.prominence(run) > MIN_BEGIN_PROMINENCE:
                     yield ChannelEvent(run.start, run.stop, strength, lone=True, wild=True)
 
     @functools.cached_property
