@@ -43,6 +43,9 @@ MIN_INTACT_SHARE = 0.05
 MIN_INTACT_SAMPLES = 128
 #: A shock is where both channels exceed this share of their largest size: their half width.
 MIN_SHOCK_SIZE = 0.5
+#: Wild samples at an end exceed all others by this factor, as no transient does. At the end of a
+#: stationary motion they need not: nothing there may be free motion, or rest.
+MIN_END_PROMINENCE = 3.0
 #: Stationary motions; others may end within the record.
 STEADY = ("sine", *STATIONARY_EXCITATIONS)
 #: Motions throughout which the response follows the reference linearly.
@@ -404,7 +407,11 @@ def _find_wild_samples(
                 may_be_motion = is_motion[run].any() and not (
                     is_linear and _is_wild_in_both(run, other_channel)
                 )
-                at_an_end = first == 0 or end == record.samples
+                is_steady = is_linear and record.excitation in STATIONARY_EXCITATIONS
+                is_prominent = channels[label].prominence(run) > MIN_END_PROMINENCE
+                is_end_of_motion = (first == 0 and not (is_linear and is_prominent)) or (
+                    end == record.samples and not (is_steady or (is_linear and is_prominent))
+                )
                 is_tread = (
                     label == "reference"
                     and may_be_in_stairs
@@ -414,7 +421,7 @@ def _find_wild_samples(
                     is_shock
                     or is_tread
                     or may_be_motion
-                    or (at_an_end and not is_linear)
+                    or is_end_of_motion
                     or not _is_denied(label, run, channels[label], predictions)
                 ):
                     wild[label][run] = False

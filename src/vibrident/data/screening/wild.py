@@ -51,8 +51,6 @@ MAX_LONG_RUN_SAMPLES = 400
 MAX_SHORT_RUN_SAMPLES = 2
 #: Samples next to a longer run that are probably wild, too, but not far enough off to show it.
 GUARD_SAMPLES = 4
-#: Wild samples at the begin exceed all others by this factor, as no transient does.
-MIN_BEGIN_PROMINENCE = 3.0
 #: Largest number of wild runs over the number of samples; more of them are the channel's nature.
 MAX_WILD_SHARE = 0.01
 #: Samples on either side that show the usual size of errors, in addition to those that a run of
@@ -229,8 +227,7 @@ class PredictedChannel:
     def _end_events(self) -> Iterator[ChannelEvent]:
         """Yield the runs from the begin, and to the end, that the samples beside do not explain.
 
-        At the begin they exceed all others by far: a sensor that begins at rest, or with free
-        motion, is not explained either.
+        A sensor that begins at rest, or with free motion, is not explained either.
         """
         samples = self.series.size
         for is_begin in (True, False):
@@ -247,8 +244,7 @@ class PredictedChannel:
             if odd.size and odd[0] >= ORDER and strength > MIN_WILD_SIGMA:
                 length = size.size - int(odd[0])
                 run = slice(0, length) if is_begin else slice(samples - length, samples)
-                if not is_begin or self.prominence(run) > MIN_BEGIN_PROMINENCE:
-                    yield ChannelEvent(run.start, run.stop, strength, lone=True, wild=True)
+                yield ChannelEvent(run.start, run.stop, strength, lone=True, wild=True)
 
     @functools.cached_property
     def _inner_events(self) -> tuple[ChannelEvent, ...]:
