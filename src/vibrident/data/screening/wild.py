@@ -231,7 +231,7 @@ class PredictedChannel:
         """
         samples = self.series.size
         for is_begin in (True, False):
-            reach = self.max_run_samples + 2 * ORDER
+            reach = min(self.max_run_samples, MAX_RUN_SAMPLES) + 2 * ORDER
             near = slice(0, reach) if is_begin else slice(samples - reach, samples)
             if samples < 2 * reach or not self.valid[near].all():
                 continue
