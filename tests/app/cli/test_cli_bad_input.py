@@ -156,7 +156,13 @@ def test_a_damaged_result(command, damage, identified, made, run, tmp_path):
         (["--excitation", "sinus"], ["sine"]),
         (["--frequencies", "10-1000"], ["10:1000"]),
         (["--frequencies", "1000:10"], ["1000 to 10"]),
-        (["--rate", "0"], ["sampling_rate_hz"]),
+        (["--rate", "0"], ["--rate is out of range"]),
+        (["--rate", "nan"], ["--rate is out of range"]),
+        (["--rate", "1e300"], ["--rate is out of range"]),
+        (["--optics", "noise=1"], ["--optics would have no effect", "--interferometer"]),
+        (["--interferometer", "quadrature", "--optics", "rate=1"], ["more slowly than the response"]),
+        (["--interferometer", "quadrature", "--optics", "noise=nan"], ["--optics noise"]),
+        (["--interferometer", "quadrature", "--optics", "bits=40"], ["8 to 16"]),
         (["--rate", "1500"], ["750"]),
         (["--samples", "2"], ["samples"]),
         (["--response-noise", "-1"], ["white"]),
@@ -165,6 +171,30 @@ def test_a_damaged_result(command, damage, identified, made, run, tmp_path):
 )
 def test_a_simulation_that_cannot_be(options, words, run, tmp_path):
     assert_refused(run("simulate", "--out", tmp_path / "out", *options), tmp_path / "out", *words)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--scale", "0"], ["--scale is no factor"]),
+        (["--scale", "nan"], ["--scale is no factor"]),
+        (["--rate", "inf"], ["--rate is out of range"]),
+        (["--track"], ["--track would have no effect"]),
+    ],
+    ids=" ".join,
+)
+def test_a_table_cannot_be_corrected_so(options, words, identified, run, tmp_path):
+    table = tmp_path / "t.csv"
+    table.write_text("v\n1\n2\n1\n2\n")
+    done = run("correct", identified, table, "--column", "v", "--out", tmp_path / "out", *options)
+    assert_refused(done, tmp_path / "out", *words)
+
+
+def test_words_in_brackets_stand_in_the_help(run):
+    """The help is markup, of which [records] would be a style."""
+    text = " ".join(run("axes", "--help").output.split())
+    assert "has a [[response]] for each output" in text
+    assert "axis of the motion in each [[records]] entry" in text
 
 
 def test_a_used_folder_is_not_simulated_into(run, tmp_path):

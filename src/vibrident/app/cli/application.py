@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from inspect import cleandoc
 from typing import Annotated, Any
 
 import typer
@@ -27,7 +28,7 @@ from vibrident.app.cli.commands.simulate import simulate
 from vibrident.app.cli.commands.track import track
 from vibrident.app.cli.commands.verify import verify
 from vibrident.app.cli.console import BAD_INPUT, INTERRUPTED, show_error
-from vibrident.app.cli.options import fill_in_names
+from vibrident.app.cli.options import fill_in_names, without_markup
 from vibrident.app.cli.words import shell_word
 from vibrident.base.errors import VibridentError
 from vibrident.base.version import __version__
@@ -89,7 +90,8 @@ app.add_typer(history, name="history", rich_help_panel="Use and judge a model")
 app.add_typer(issue, name="issue", rich_help_panel="Use and judge a model")
 for _panel, _commands in _PANELS.items():
     for _command in _commands:
-        app.command(rich_help_panel=_panel)(_command)
+        _help = without_markup(cleandoc(_command.__doc__ or ""))
+        app.command(rich_help_panel=_panel, help=_help)(_command)
 
 
 def _show_version(is_requested: bool) -> None:

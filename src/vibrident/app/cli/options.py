@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -23,6 +25,8 @@ QUANTITIES = ("acceleration", "velocity", "displacement", "drive", "force")
 SENSORS = ("paper", "inverted", "cubic", "two-mode", "piezo", "geophone", "seismometer")
 
 FORMATS = ("html", "pdf", "md")
+#: Sampling rates, Hz: from a sample in a month to the largest of a light's detector.
+RATES_HZ = (1e-7, 1e12)
 
 # names to choose from, or a function that returns them
 Names = Sequence[str] | Callable[[], Sequence[str]]
@@ -57,6 +61,54 @@ def flag(*names: str, help: str, value: bool = False, panel: str | None = None) 
     return typer.Option(value, *names, help=help, rich_help_panel=panel)
 
 
+def refuse_unused(is_given: Mapping[str, bool], belongs_to: str) -> None:
+    """Refuse options that have no effect.
+
+    Args:
+        is_given: whether each option is, by name.
+        belongs_to: what they need, in words.
+
+    Raises:
+        InputError: names those that are given.
+    """
+    unused = [name for name, is_set in is_given.items() if is_set]
+    if unused:
+        raise InputError(
+            f"{', '.join(unused)} would have no effect.",
+            expected=f"{belongs_to} beside it",
+            found="none",
+            where="command line",
+            remedy=f"leave {' and '.join(unused)} out",
+        )
+
+
+def without_markup(text: str) -> str:
+    """Return a text whose words in brackets, such as [[records]], are printed as they stand."""
+    return re.sub(r"(\[[a-z#/@][^\[]*?\])", r"\\\1", text)
+
+
+def rate(name: str, help: str, default: str | bool = True, panel: str | None = None) -> Any:
+    """Define the option of a sampling rate, Hz."""
+    return between(name, "HZ", help, *RATES_HZ, default=default, panel=panel)
+
+
+def factor(name: str, metavar: str, help: str, value: float) -> Any:
+    """Define an option that takes a finite number other than zero."""
+
+    def check(number: float) -> float:
+        if math.isfinite(number) and number != 0.0:
+            return number
+        raise InputError(
+            f"{marked(name)} is no factor.",
+            expected="a finite number other than 0",
+            found=f"{number:g}",
+            where=marked(name),
+            remedy=f"give another number, or leave {marked(name)} out",
+        )
+
+    return option(name, metavar, help, value, callback=check)
+
+
 def between(
     name: str,
     metavar: str,
@@ -65,6 +117,7 @@ def between(
     high: float,
     value: Any = None,
     default: str | bool = True,
+    panel: str | None = None,
 ) -> Any:
     """Define an option that takes a number between two limits, or one of them."""
 
@@ -79,7 +132,7 @@ def between(
             remedy=f"give another number, or leave {marked(name)} out",
         )
 
-    return option(name, metavar, help, value, default, callback=check)
+    return option(name, metavar, help, value, default, panel, callback=check)
 
 
 def choice(

@@ -173,11 +173,11 @@ def second_mode_of(decay: DecayFit) -> SecondMode | None:
     """Return the second mode that explains what one leaves of a decay; None where none does."""
     if verdict(misfits_of(decay))[-1]:
         return None
-    beside = with_second_mode(decay)
-    if beside is None:
+    two_modes = with_second_mode(decay)
+    if two_modes is None:
         return None
-    fit_beside, second_mode = beside
-    return second_mode if verdict(misfits_of(fit_beside))[-1] else None
+    first_mode, second_mode = two_modes
+    return second_mode if verdict(misfits_of(first_mode))[-1] else None
 
 
 def weighed(decay: DecayFit) -> DecayFit:

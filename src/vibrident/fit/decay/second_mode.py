@@ -52,11 +52,11 @@ def with_second_mode(decay: DecayFit) -> tuple[DecayFit, SecondMode] | None:
     """
     stretch = decay.stretches[0]
     first = decay
-    second = fit([_beside(stretch, decay)], _loudest_hz(decay), decay.values[1])
+    second = fit([_with_motion_of(stretch, decay)], _loudest_hz(decay), decay.values[1])
     for _ in range(MAX_ROUNDS):
         before = second.cost
-        first = fit([_beside(stretch, second)], *first.values)
-        second = fit([_beside(stretch, first)], *second.values)
+        first = fit([_with_motion_of(stretch, second)], *first.values)
+        second = fit([_with_motion_of(stretch, first)], *second.values)
         if before - second.cost < MIN_FALL:
             break
     frequencies, dampings = zip(first.values, second.values, strict=True)
@@ -66,7 +66,7 @@ def with_second_mode(decay: DecayFit) -> tuple[DecayFit, SecondMode] | None:
     return first, SecondMode(stretch.name, frequencies, dampings)
 
 
-def _beside(stretch: Stretch, oscillator: DecayFit) -> Stretch:
+def _with_motion_of(stretch: Stretch, oscillator: DecayFit) -> Stretch:
     """Return a stretch with the motion of an oscillator among its unknowns."""
     frequency_hz, damping = oscillator.values
     damping = min(abs(damping), 1.0)

@@ -78,14 +78,14 @@ def _with_record_apart(fitted: Fitted) -> Fitted:
     if len(starts) < MIN_FREEDOM or starts[0][0] > 0.1 * starts[1][0]:
         return fitted
     _, number, values = starts[0]
-    others = tuple(record for k, record in enumerate(evidence.records) if k != number)
+    remaining = tuple(record for k, record in enumerate(evidence.records) if k != number)
     try:
-        rest = fitted.once(replace(evidence.with_records(others), start=values))
+        refit = fitted.once(replace(evidence.with_records(remaining), start=values))
     except VibridentError:
         return fitted
-    if not rest.adequate:
+    if not refit.adequate:
         return fitted
-    chi2 = rest.judgement.adequacy.chi2_reduced or 0.0
+    chi2 = refit.judgement.adequacy.chi2_reduced or 0.0
     text = (
         f"Without {evidence.records[number].name} the model explains them (χ²/dof = "
         f"{plain(chi2, 3)}): was that taken with another sensor, range or wiring?"
@@ -215,9 +215,9 @@ def _models_that_explain(
     ]
 
 
-def _is_larger(candidate: SensorModel, other: SensorModel) -> bool:
+def _is_larger(candidate: SensorModel, tried: SensorModel) -> bool:
     """Return whether a model has more parameters than another."""
-    return len(candidate.parameter_names) > len(other.parameter_names)
+    return len(candidate.parameter_names) > len(tried.parameter_names)
 
 
 def _start_of_model(

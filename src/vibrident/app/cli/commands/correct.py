@@ -45,8 +45,10 @@ def correct(
         "NAME|N",
         "TABLE: column of the times, in s or the unit of its name; else by name.",
     ),
-    rate: float | None = option("--rate", "HZ", "TABLE: sampling rate, where it has no times."),
-    scale: float = option("--scale", "X", "TABLE: response unit per unit of the column.", 1.0),
+    rate: float | None = options.rate("--rate", "TABLE: sampling rate, where it has no times."),
+    scale: float = options.factor(
+        "--scale", "X", "TABLE: response unit per unit of the column.", 1.0
+    ),
     pictures: bool = options.PICTURES,
 ) -> None:
     """Restore the acceleration from the measured response, with an uncertainty for every sample.
@@ -59,7 +61,14 @@ def correct(
     standard uncertainty.
     """
     limits = options.band(band)
-    if calibration.suffix.lower() != ".toml":
+    is_table = calibration.suffix.lower() != ".toml"
+    of_table = {"--column": column, "--time": time, "--rate": rate}
+    if is_table:
+        options.refuse_unused({"--track": track}, "a calibration file")
+    else:
+        is_given = {name: value is not None for name, value in of_table.items()}
+        options.refuse_unused(is_given | {"--scale": scale != 1.0}, "a table")
+    if is_table:
         _correct_table(
             load_result(result), calibration, folder, limits, noise, (column, time, rate, scale)
         )

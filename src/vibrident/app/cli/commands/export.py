@@ -17,11 +17,8 @@ def export(
     folder: Path | None = option(
         "--out", "DIR", "Folder for the files.", default="beside the result"
     ),
-    rate: float | None = option(
-        "--rate",
-        "HZ",
-        "Sampling rate of {exports: rate_hz}.",
-        default="the network's, where there is one",
+    rate: float | None = options.rate(
+        "--rate", "Sampling rate of {exports: rate_hz}.", "the network's, where there is one"
     ),
     band: str | None = option(
         "--band", "LOW:HIGH", "Band of use in Hz.", default="that of the data"

@@ -61,8 +61,8 @@ def fleet(
     memory_limit_mb: float | None = between(
         "--memory-limit",
         "MB",
-        "Most memory of one process.",
-        1.0,
+        "Most memory of one process, which loads some 200 MB of libraries.",
+        256.0,
         1e9,
         default="its share of the machine's, 4 GB or more",
     ),

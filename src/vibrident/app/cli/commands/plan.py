@@ -65,7 +65,7 @@ def plan(
     amplitude: float | None = _points(
         "--amplitude", "A", "Peak acceleration, m/s².", default="9.80665"
     ),
-    rate: float | None = _points("--rate", "HZ", "Sampling rate."),
+    rate: float | None = options.rate("--rate", "Sampling rate.", panel="Points"),
     samples: int | None = _points("--samples", "N", "Samples of every record."),
     response_noise: float = _points(
         "--response-noise", "REL", "White, relative to the response's rms.", 0.0

@@ -74,11 +74,11 @@ def _note_serial_numbers(paths: list[Path], stated: list[Result]) -> None:
     """Say where a certificate file states another serial number than the calibration did."""
     for path, result in zip(paths, stated, strict=True):
         identified = load_result(path).sensor.get("serial_number")
-        given = result.sensor.get("serial_number")
-        if identified not in (None, "", given):
+        certified = result.sensor.get("serial_number")
+        if identified not in (None, "", certified):
             note(
-                f"Note: the certificate is of serial number {given}, as its file states; {path} is "
-                f"of {identified}."
+                f"Note: the certificate is of serial number {certified}, as its file states; "
+                f"{path} is of {identified}."
             )
 
 

@@ -13,7 +13,7 @@ from vibrident.app.cli.options import choice, flag, option, unreadable_error
 from vibrident.app.cli.progress import ProgressBar
 from vibrident.app.workflow.folder import refuse_filled_folder, written_whole
 from vibrident.app.workflow.simulated import write
-from vibrident.base.errors import unknown
+from vibrident.base.errors import InputError, unknown
 from vibrident.base.fields import Fields
 
 if TYPE_CHECKING:
@@ -43,6 +43,16 @@ KEYS = {
     "passes": ("N", "of the beam"),
     "ellipse": ("random", "offsets, amplitudes and quadrature drawn anew"),
 }
+#: Key → its limits, where these are not zero and up.
+LIMITS = {
+    "rate": options.RATES_HZ,
+    "carrier": options.RATES_HZ,
+    "bits": (0.0, 16.0),
+    "passes": (1.0, 64.0),
+    "delay": (-1.0, 1.0),
+    "hidden-delay": (-1.0, 1.0),
+    "carrier-drift": (-1e12, 1e12),
+}
 #: Key → field of ``Optics``, where its name is another.
 _FIELDS = {
     "rate": "rate_hz",
@@ -70,7 +80,7 @@ def simulate(
         "sine",
         "NAME",
     ),
-    rate: float | None = option("--rate", "HZ", "Sampling rate.", default="the sensor's usual"),
+    rate: float | None = options.rate("--rate", "Sampling rate.", "the sensor's usual"),
     samples: int = option("--samples", "N", "Samples of every record.", 16000),
     frequencies: str | None = option(
         "--frequencies",
@@ -115,6 +125,8 @@ def simulate(
     force: bool = flag("--force", help="Write into a folder that is not empty."),
 ) -> None:
     """Simulate a calibration: records, calibration.toml for identify, and truth.json."""
+    if interferometer is None:
+        options.refuse_unused({"--optics": optics is not None}, "--interferometer")
     refuse_filled_folder(folder, force=force)
     settings: Fields = {
         "sampling_rate_hz": rate,
@@ -179,6 +191,14 @@ def _optics(kind: str, text: str | None, rate_hz: float, seed: int) -> Optics:
     from vibrident.physics.simulation.optics import CARRIER_RATIO, Optics, drawn
 
     faults = _read_faults(text)
+    if faults.get("rate", rate_hz) < rate_hz:
+        raise InputError(
+            "The light would be sampled more slowly than the response.",
+            expected=f"at least {rate_hz:g} Hz, the rate of the response",
+            found=f"{faults['rate']:g} Hz",
+            where="--optics rate",
+            remedy="give a larger rate, or leave it out",
+        )
     passes = int(faults.pop("passes", 1))
     setting = Interferometer("quadrature", 632.991e-9, passes=passes, direction=1)
     if kind == "heterodyne":
@@ -202,10 +222,19 @@ def _read_faults(text: str | None) -> Fields:
         if key not in KEYS:
             raise unknown(f"{key!r} is not a key of --optics.", key, KEYS, "--optics")
         try:
-            faults[key] = (key, value) == ("ellipse", "random") or float(value)
+            faults[key] = (key, value) == ("ellipse", "random") or _fault_size(key, value)
         except ValueError:
             expected = f"{key}={KEYS[key][0]}, {KEYS[key][1]}"
             raise unreadable_error(
                 f"--optics {key}", value, expected, "write a number with a point, without a unit"
             ) from None
     return faults
+
+
+def _fault_size(key: str, value: str) -> float:
+    """Return the size of a fault; ValueError where none is of that size."""
+    low, high = LIMITS.get(key, (0.0, 1e12))
+    size = float(value)
+    if not low <= size <= high:
+        raise ValueError(f"{size:g}")
+    return size
