@@ -133,14 +133,19 @@ def _sampling_rate_hz(described: CalibrationFile, calibration: Path) -> float:
 
 
 def parameter_rows(values: NamedNumbers, u: NamedNumbers, units: NamedTexts) -> list[Fields]:
-    """Return parameters by name, to the second digit of u."""
+    """Return parameters in words, to the second digit of u, in units with a prefix that suits."""
+    from vibrident.base.amounts import scaled
+    from vibrident.physics.naming import in_words
     from vibrident.show.numbers import pair
 
-    numbers = {name: pair(value, u[name]) for name, value in values.items()}
-    return [
-        {"parameter": name, "value": value, "u": rounded, "unit": units[name]}
-        for name, (value, rounded) in numbers.items()
-    ]
+    rows: list[Fields] = []
+    for name, value in values.items():
+        scale = scaled(units[name], value)
+        printed, rounded = pair(scale.times(value), scale.times(u[name]))
+        rows.append(
+            {"parameter": in_words(name), "value": printed, "u": rounded, "unit": scale.unit}
+        )
+    return rows
 
 
 def _walks(

@@ -130,8 +130,8 @@ class LiveTable(ProgressReporter):
 
         rows = parameter_rows(row.values, row.uncertainty, units)
         rows = [
-            {**parameter_row, "excited": parameter_row["parameter"] in row.excited}
-            for parameter_row in rows
+            {**parameter_row, "excited": name in row.excited}
+            for name, parameter_row in zip(row.values, rows, strict=True)
         ]
         self._live.update(on_console(table_of(rows, f"Tracked, {row.time_s:.6g} s")))
 
