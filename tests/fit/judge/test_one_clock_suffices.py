@@ -1,5 +1,6 @@
 """Two clocks are said of data only where one does not explain them as well."""
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import pytest
@@ -41,6 +42,13 @@ def test_a_fit_at_a_wrong_clock_is_no_start_at_one_clock():
 
 def test_a_fit_that_leaves_nothing_to_compare_is_none_at_one_clock():
     """Of two clocks 2e-3 apart it was taken for the better one, as adequate as nothing is."""
-    rejected = SimpleNamespace(judgement=SimpleNamespace(shares=UNKNOWN_SHARES))
-    best = SimpleNamespace(evidence=SimpleNamespace(at_clock=lambda _: None), once=lambda _: rejected)
+
+    @dataclass(frozen=True)
+    class Stub:
+        is_trial: bool = False
+        evidence: object = None
+        judgement: object = None
+
+    rejected = Stub(judgement=SimpleNamespace(shares=UNKNOWN_SHARES))
+    best = SimpleNamespace(evidence=SimpleNamespace(at_clock=lambda _: Stub()), once=lambda _: rejected)
     assert _fit_at_one_clock(best) is None

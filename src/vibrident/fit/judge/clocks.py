@@ -190,7 +190,8 @@ def _fit_at_offset(fitted: Fitted, offset: float) -> Fitted | None:
         evidence = fitted.evidence.at_clock(offset)
         if fitted.adequate:
             return fitted.anew(evidence)
-        return replace(fitted.once(replace(evidence, is_trial=True)), evidence=evidence)
+        is_near = fitted.judgement.explained > MIN_EXPLAINED_SHARE
+        return replace(fitted.once(replace(evidence, is_trial=is_near)), evidence=evidence)
     except VibridentError:
         return None
 
