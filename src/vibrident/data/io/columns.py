@@ -35,7 +35,7 @@ _REASONS: dict[type[BaseException], tuple[str, str]] = {
     ),
     IsADirectoryError: (
         "a folder",
-        "name a file in it; of data files also a glob such as 'folder/*.csv'",
+        "name a file in it; a calibration file may name data files by a glob, file = 'x/*.csv'",
     ),
     PermissionError: ("a file that may not be read", "ask for the right to read it"),
 }

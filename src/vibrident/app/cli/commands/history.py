@@ -97,8 +97,8 @@ def add(
     ),
     certificate: list[Path] | None = CERTIFICATE_FILES,
 ) -> None:
-    """Add results. An existing result stays unchanged; another --date corrects its date by an \
-event."""
+    """Add results. An existing result stays unchanged; where it states no date, another --date \
+corrects that by an event."""
     day = read_date(date, "--date")
     from vibrident.lab.history.entry import add_all, rows_of
     from vibrident.show.issue import issued
