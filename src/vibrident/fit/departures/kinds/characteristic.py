@@ -38,7 +38,7 @@ class Characteristic(Shape):
         size = 100.0 * float(np.hypot(*score.amounts))
         return (
             f"the response {candidate.words}, {plain(size, 2)} % at the largest; "
-            "a linear sensor does neither"
+            "that of a linear sensor does not"
         )
 
 
