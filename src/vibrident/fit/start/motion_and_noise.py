@@ -130,7 +130,10 @@ class MotionAndNoise:
         """
         if self.weights:
             return np.stack([self.weights[number][: group.grid.bins] for number in group.segments])
-        floor = np.maximum(self.levels_in(group).response, np.finfo(float).tiny)
+        # Noise is at least rounding; a response of zeros has a noise of one.
+        loudest = np.max(power_of(group.response), axis=1, keepdims=True)
+        rounding = np.where(loudest > 0.0, np.finfo(float).eps ** 2 * loudest, 1.0)
+        floor = np.maximum(self.levels_in(group).response, rounding)
         return self.shown_in(group) * group.grid.counts * group.grid.samples / floor
 
     def shown_in(self, group: Group) -> FloatArray:
