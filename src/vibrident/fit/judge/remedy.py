@@ -7,9 +7,10 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from vibrident.base.amounts import plain
 from vibrident.base.errors import VibridentError
-from vibrident.data.records.basis import distinct
 from vibrident.fit.descent.train import MIN_EXPLAINED_SHARE
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem
@@ -19,6 +20,8 @@ from vibrident.physics.models import ADD_ONS, CORES, SensorModel, installed
 
 #: Degrees of freedom that must remain to judge a model by.
 MIN_FREEDOM = 4
+#: Records that are furthest off, of which one may be all that is wrong.
+MAX_SUSPECTS = 12
 #: χ²/ν at the points alone that is little.
 MAX_SMALL_CHI2 = 1.5
 
@@ -60,16 +63,23 @@ def with_remedy(fitted: Fitted) -> Fitted:
 def _with_record_apart(fitted: Fitted) -> Fitted:
     """Return the fit of sines, its judgement with the one record without which the model suffices.
 
-    Without it the points have a tenth of the χ² that they have without any other record. What is
-    stated is the χ² of a fit without it.
+    Without it the points have a tenth of the χ² that they have without any other record that is far
+    off. What is stated is the χ² of a fit without it.
     """
     evidence = fitted.evidence
     problem = evidence.first_look
-    if evidence.tones is None or problem is None or not evidence.only_sines:
+    tones = fitted.judgement.tones
+    points = fitted.judgement.tone_points
+    measured = evidence.tones
+    if measured is None or problem is None or tones is None or points is None:
         return fitted
-    records = evidence.tones.record
+    if not evidence.only_sines:
+        return fitted
+    records = measured.record
+    squares = np.bincount(tones.record, weights=points.squares, minlength=len(evidence.records))
+    furthest = np.argsort(-squares)[:MAX_SUSPECTS]
     starts: list[tuple[float, int, dict[str, float]]] = []
-    for number in distinct(records).tolist():
+    for number in furthest[np.isin(furthest, records)].tolist():
         data = tuple(values[records != number] for values in problem.data)
         start = _start_of_model(replace(problem, data=data), evidence.model, fitted, math.inf)
         if start is not None:
