@@ -63,8 +63,8 @@ def rows_of(
             found=str(date),
             where="⟦history.date⟧",
             remedy=(
-                "leave it out; correct a stored date by ⟦command = history event⟧ --kind redated, "
-                "or date_of_calibration in the calibration file, and identify again"
+                "leave it out; correct a stored date by an event of kind redated, or "
+                "date_of_calibration in the calibration file, and identify again"
             ),
         )
     when = when if date is None else date
