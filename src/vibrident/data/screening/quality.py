@@ -407,11 +407,10 @@ def _find_wild_samples(
                 may_be_motion = is_motion[run].any() and not (
                     is_linear and _is_wild_in_both(run, other_channel)
                 )
-                is_steady = is_linear and record.excitation in STATIONARY_EXCITATIONS
+                at_an_end = first == 0 or end == record.samples
+                goes_on = end == record.samples and record.excitation in STATIONARY_EXCITATIONS
                 is_prominent = channels[label].prominence(run) > MIN_END_PROMINENCE
-                is_end_of_motion = (first == 0 and not (is_linear and is_prominent)) or (
-                    end == record.samples and not (is_steady or (is_linear and is_prominent))
-                )
+                is_end_of_motion = at_an_end and not (is_linear and (goes_on or is_prominent))
                 is_tread = (
                     label == "reference"
                     and may_be_in_stairs
