@@ -29,7 +29,7 @@ KEYS = {
     "carrier": ("HZ", "of a heterodyne signal; a quarter of the rate without it"),
     "noise": ("REL", "of each signal, over its amplitude"),
     "bits": ("N", "of the converter, 8 to 16; 0 for none"),
-    "dropouts": ("N", "a record"),
+    "dropouts": ("N", "a record, 10000 at most"),
     "dropout": ("S", "length of one"),
     "drift": ("REL", "of offsets and amplitudes over a record"),
     "fading": ("REL", "of the common amplitude"),
@@ -47,12 +47,15 @@ KEYS = {
 LIMITS = {
     "rate": options.RATES_HZ,
     "carrier": options.RATES_HZ,
-    "bits": (0.0, 16.0),
+    "bits": (8.0, 16.0),
+    "dropouts": (0.0, 1e4),
     "passes": (1.0, 64.0),
     "delay": (-1.0, 1.0),
     "hidden-delay": (-1.0, 1.0),
     "carrier-drift": (-1e12, 1e12),
 }
+#: Keys whose values are counts.
+COUNTS = frozenset({"bits", "dropouts", "passes"})
 #: Key → field of ``Optics``, where its name is another.
 _FIELDS = {
     "rate": "rate_hz",
@@ -208,7 +211,7 @@ def _optics(kind: str, text: str | None, rate_hz: float, seed: int) -> Optics:
     if (hidden := faults.pop("hidden-delay", None)) is not None:
         faults |= {"delay": hidden, "hidden_delay": True}
     values: Fields = {_FIELDS.get(key, key): value for key, value in faults.items()}
-    for key in {"bits", "dropouts"} & values.keys():
+    for key in COUNTS & values.keys():
         values[key] = int(values[key])
     return drawn(replace(Optics(setting), cyclic_rad=cyclic, **values), seed)
 
@@ -235,6 +238,9 @@ def _fault_size(key: str, value: str) -> float:
     """Return the size of a fault; ValueError where none is of that size."""
     low, high = LIMITS.get(key, (0.0, 1e12))
     size = float(value)
-    if not low <= size <= high:
+    is_without_converter = key == "bits" and size == 0.0
+    if not (low <= size <= high or is_without_converter):
+        raise ValueError(f"{size:g}")
+    if key in COUNTS and not size.is_integer():
         raise ValueError(f"{size:g}")
     return size
