@@ -197,7 +197,7 @@ def identity(sensor: ExportedSensor) -> list[str]:
         lines.append(f"identified: {time}")
     lines += [
         f"sensitivity: {sensor.output_unit} per {sensor.input_unit}, for e^(+j w t), lag negative",
-        f"band of the data: {low!r} Hz to {high!r} Hz",
+        f"band of the data: {low:.10g} Hz to {high:.10g} Hz",
     ]
     for name, p in result.parameters.items():
         unit = "" if p.unit == "1" else f" {p.unit}"

@@ -190,7 +190,7 @@ def not_rational() -> tuple[str, ...]:
     return names()
 
 
-def _with(option: str) -> str:
+def formats_with(option: str) -> str:
     """Return the export formats that an option concerns."""
     return ", ".join(name for name, form in EXPORTS.all().items() if option in form.options)
 
@@ -210,7 +210,7 @@ REGISTERED: Mapping[str, Callable[[], str]] = {
     "{estimators}": lambda: "|".join(estimator_names()),
     "{estimators by name}": lambda: ", ".join(ESTIMATORS.names()),
     **{
-        f"{{exports: {option}}}": partial(_with, option)
+        f"{{exports: {option}}}": partial(formats_with, option)
         for option in ("rate_hz", "channel", "country", "schema", "online")
     },
 }

@@ -135,7 +135,7 @@ def description(code: Firmware) -> list[str]:
         (
             f"  error {_error(correction.response(f), inverse)} (double), "
             f"{_error(correction.in_single_precision().response(f), inverse)} (float), "
-            f"over {low!r} Hz to {high!r} Hz"
+            f"over {low:.10g} Hz to {high:.10g} Hz"
         ),
     ]
     if len(upper_hz):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from vibrident.app.cli import options
@@ -49,6 +50,14 @@ def export(
     What a format cannot hold is stated in the file, or refused with the reason.
     """
     limits = options.band(band)
+    is_given = {
+        "rate_hz": rate is not None,
+        "schema": schema is not None,
+        "country": country is not None,
+        "channel": channel is not None,
+        "online": online,
+    }
+    _refuse_unused(form, is_given)
     from vibrident.export import export as run
 
     with written_whole(result.parent if folder is None else folder) as output:
@@ -67,3 +76,11 @@ def export(
             online=online,
         )
     show_written(output.files)
+
+
+def _refuse_unused(form: str, is_given: Mapping[str, bool]) -> None:
+    """Refuse options that the format does not take; ``is_given``: by name of the export's."""
+    for name, is_set in is_given.items():
+        if name not in EXPORTS[form].options:
+            flag_name = f"--{name.removesuffix('_hz')}"
+            options.refuse_unused({flag_name: is_set}, f"--format {options.formats_with(name)}")
