@@ -14,6 +14,7 @@ from vibrident.show.numbers import (
     NONE,
     concise,
     fit_unit,
+    natural_scale,
     percent,
     plain,
     rounded_parameter,
@@ -324,8 +325,8 @@ def planned(plan: Plan) -> Table:
     is_chosen = plan.criterion is not None
     rows = []
     for name, parameter in plan.parameters.items():
-        number = rounded_parameter(parameter)
-        scale = scaled(parameter.unit, abs(parameter.value))
+        scale = natural_scale(parameter)
+        number = rounded_parameter(parameter, scale=scale)
         u = parameter.standard_uncertainty
         share = NONE
         if u is not None and parameter.value:

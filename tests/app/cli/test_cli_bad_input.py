@@ -193,6 +193,27 @@ def test_a_table_cannot_be_corrected_so(options, words, identified, run, tmp_pat
     assert_refused(done, tmp_path / "out", *words)
 
 
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--rate", "100"], ["--rate would have no effect", "--format c, fmu"]),
+        (["--online"], ["--online would have no effect", "--format c"]),
+        (["--channel", "XX.A..BHZ"], ["--channel would have no effect", "stationxml"]),
+    ],
+    ids=" ".join,
+)
+def test_an_export_refuses_options_of_other_formats(options, words, identified, run, tmp_path):
+    done = run("export", identified, "--format", "csv", "--out", tmp_path / "out", *options)
+    assert_refused(done, tmp_path / "out", *words)
+
+
+def test_a_report_refuses_a_store_that_does_not_exist(identified, run, tmp_path):
+    store = tmp_path / "none.db"
+    done = run("report", identified, "--store", store, "--out", tmp_path / "out")
+    assert_refused(done, tmp_path / "out", "no history here")
+    assert not store.exists()
+
+
 def test_words_in_brackets_stand_in_the_help(run):
     """The help is markup, of which [records] would be a style."""
     text = " ".join(run("axes", "--help").output.split())

@@ -15,6 +15,7 @@ from vibrident.fit.estimators import MaximumLikelihood
 from vibrident.fit.problem import Evidence
 from vibrident.physics.models import parse
 from vibrident.physics.simulation import SENSORS, ChannelNoise, one_third_octave, simulate, with_noise
+from vibrident.show import methods
 from vibrident.use.planning import Recording
 from vibrident.use.planning.design import best_points, best_weights, efficiency, loss
 
@@ -327,3 +328,16 @@ def test_planned_for_a_sharp_sensor_as_the_right_optimum_scatters(noise: dict[st
         got = estimate.coordinates.values(estimate.z)
         off.append([(got[n] - values[n]) / found.parameters[n].standard_uncertainty for n in values])
     assert 0.6 < np.sqrt(np.mean(np.square(off))) < 1.5
+
+
+def test_a_delay_of_zero_has_one_unit_in_its_row_and_short_records_not_chosen_are_no_doubt() -> None:
+    values = {"sensitivity": 0.01, "natural_frequency": 5000.0, "damping_ratio": 0.05, "delay": 0.0}
+    recording = Recording(51200.0, 10000, response_noise=1e-3)
+    candidates = one_third_octave(10.0, 5000.0)
+    plan = vibrident.plan("accelerometer+delay", values, frequencies_hz=candidates, recording=recording, best=5)
+    row = next(row for row in methods.planned(plan).rows if row[0] == "delay")
+    u, unit, alternatives = float(row[2]), row[3], [float(text) for text in row[5:]]
+    assert unit == "ps"
+    assert all(0.1 * u < alternative < 100.0 * u for alternative in alternatives)
+    has_short = bool(np.any(plan.frequency_hz * 10000 / 51200.0 < 5.0))
+    assert any("fewer than 5 periods" in text for text in plan.warnings) == has_short

@@ -45,6 +45,7 @@ from vibrident.use.planning.points import (
     Subject,
     points_of_records,
     points_of_table,
+    short_record_findings,
 )
 
 #: Neighbours on either side over which the noise of a result's own points is averaged: it is
@@ -223,7 +224,11 @@ def _plan(
         table,
         correlation(model, covariance),
         curve(coordinates, z, covariance, points.subject.quantity, band),
-        tuple(w.message for w in warnings) + points.findings,
+        (
+            *(warning.message for warning in warnings),
+            *short_record_findings(points, used),
+            *points.findings,
+        ),
         criterion if best is not None else None,
         frequency,
         reached_efficiency,

@@ -12,7 +12,7 @@ nearly collinear with the tone within the record.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -114,6 +114,7 @@ class PlannedPoints:
     freedom: FloatArray
     equations: int  # real residuals of a point
     findings: tuple[str, ...] = ()  # doubts in words
+    periods: FloatArray | None = None  # in each point's record, shape (n,); None for a table
 
 
 def points_of_records(
@@ -156,20 +157,11 @@ def points_of_records(
     ratio = np.array([_free_motion_ratio(subject, f, recording) for f in frequency_hz])
     deviation = np.sqrt(2.0 / recording.samples * (ratio * noise_y + np.abs(gain) ** 2 * noise_x))
     freedom = np.array([_freedom(f, recording) for f in frequency_hz])
-    duration = recording.samples / recording.sampling_rate_hz
-    few = frequency_hz[frequency_hz * duration < MIN_PERIODS]
-    findings: tuple[str, ...] = ()
-    if few.size:
-        findings = (
-            (
-                f"{few.size} records hold fewer than {MIN_PERIODS:g} periods (up to "
-                f"{few.max():.4g} Hz): offset, drift and the sensor's free motion will increase "
-                "their uncertainty beyond this plan."
-            ),
-        )
-    findings += _resonance_findings(subject, ratio)
+    findings = _resonance_findings(subject, ratio)
     data = (frequency_hz, reference.astype(complex), gain * reference, deviation)
-    return _points(subject, data, False, True, deviation / response, freedom, findings)
+    points = _points(subject, data, False, True, deviation / response, freedom, findings)
+    duration_s = recording.samples / recording.sampling_rate_hz
+    return replace(points, periods=frequency_hz * duration_s)
 
 
 def points_of_table(
@@ -225,6 +217,20 @@ def _points(
     information = np.einsum("rki,rkj->kij", blocks, blocks)
     return PlannedPoints(
         coordinates, subject, information, relative, freedom, blocks.shape[0], findings
+    )
+
+
+def short_record_findings(points: PlannedPoints, chosen: np.ndarray) -> tuple[str, ...]:
+    """Return the finding on records of few periods; ``chosen``: indices of the planned points."""
+    if points.periods is None:
+        return ()
+    few = points.subject.frequency_hz[chosen][points.periods[chosen] < MIN_PERIODS]
+    if not few.size:
+        return ()
+    return (
+        f"{few.size} records hold fewer than {MIN_PERIODS:g} periods (up to {few.max():.4g} Hz): "
+        "offset, drift and the sensor's free motion will increase their uncertainty beyond this "
+        "plan.",
     )
 
 

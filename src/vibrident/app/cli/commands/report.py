@@ -114,6 +114,8 @@ def _histories(
     from vibrident.lab.history.store import Store
 
     with Store(store) as opened:
+        with opened.reading():  # a misspelt store is no empty one
+            pass
         lives = [of_result(opened, result) for result in results]
     for path, life in zip(paths, lives, strict=True):
         if life is None:
