@@ -94,3 +94,23 @@ def test_what_is_missing_is_said(known, tmp_path, more, said):
     )
     assert twice.exit_code == 2
     assert "already" in twice.output
+
+
+@pytest.mark.parametrize(
+    ("heading", "more", "words"),
+    [
+        ("t,q (pC)", (), "set --scale to V per pC"),
+        ("t,v (V)", ("--rate", 3), "remove or correct --rate"),
+        ("t,v", ("--time", "nope"), "asked for by --time"),
+        ("t,v (mV)", ("--scale", 1e-3), "remove --scale"),
+    ],
+)
+def test_a_message_names_options_and_no_calibration_file(heading, more, words, known, tmp_path):
+    rows = [f"{t!r},{v!r}\n" for t, v in zip(known[1][:64].tolist(), known[3][:64].tolist(), strict=True)]
+    path = tmp_path / "t.csv"
+    path.write_text(heading + "\n" + "".join(rows))
+    done = shell.run("correct", known[0], path, "--out", tmp_path / "out", "--column", 2, *more)
+    assert done.exit_code == 2
+    assert words in done.output
+    for absent in ("calibration file", "[sampling]", "[response]", "rate_hz", "⟦"):
+        assert absent not in done.output

@@ -92,11 +92,11 @@ def rate(name: str, help: str, default: str | bool = True, panel: str | None = N
     return between(name, "HZ", help, *RATES_HZ, default=default, panel=panel)
 
 
-def factor(name: str, metavar: str, help: str, value: float) -> Any:
+def factor(name: str, metavar: str, help: str, default: str) -> Any:
     """Define an option that takes a finite number other than zero."""
 
-    def check(number: float) -> float:
-        if math.isfinite(number) and number != 0.0:
+    def check(number: float | None) -> float | None:
+        if number is None or (math.isfinite(number) and number != 0.0):
             return number
         raise InputError(
             f"{marked(name)} is no factor.",
@@ -106,7 +106,7 @@ def factor(name: str, metavar: str, help: str, value: float) -> Any:
             remedy=f"give another number, or leave {marked(name)} out",
         )
 
-    return option(name, metavar, help, value, callback=check)
+    return option(name, metavar, help, default=default, callback=check)
 
 
 def between(

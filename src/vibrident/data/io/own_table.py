@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +23,34 @@ from vibrident.data.records import FloatArray, Provenance, Record
 ENDINGS = (".csv", ".txt", ".tsv", ".dat", ".parquet", ".pq", ".xlsx")
 
 
+#: Words on entries of a calibration file → on the options of a table, in this order.
+_WORDS_OF_OPTIONS = (
+    (r"contradicts the calibration file", "contradicts the result"),
+    (r"the calibration file", "⟦correct.rate_hz⟧"),
+    (r"\[sampling\] time_column|\btime_column\b", "⟦correct.time⟧"),
+    (r"\[response\] (?=scale)", ""),
+    (r"\[response\]( unit)?", "⟦correct.column⟧"),
+    (r"set unit = \"[^\"]*\"; or ", ""),
+    (r"\brate_hz\b(?!⟧)", "⟦correct.rate_hz⟧"),
+    (r"\bscale = ", "⟦correct.scale⟧ "),
+    (r"(set|give|remove|or|by) scale\b", r"\1 ⟦correct.scale⟧"),
+)
+
+
+@contextmanager
+def _in_words_of_options() -> Iterator[None]:
+    """Name options where a message of a record's reader names entries of a calibration file."""
+    try:
+        yield
+    except InputError as error:
+        texts = dict(vars(error))
+        for pattern, words in _WORDS_OF_OPTIONS:
+            texts = {key: re.sub(pattern, words, text) for key, text in texts.items()}
+        raise type(error)(**texts) from None
+
+
 def read_signal(
-    path: Path, column: str, time: str | None, rate_hz: float | None, scale: float, unit: str
+    path: Path, column: str, time: str | None, rate_hz: float | None, scale: float | None, unit: str
 ) -> Record:
     """Return a column of a table as a record without reference.
 
@@ -31,12 +59,26 @@ def read_signal(
         column: name, or number from 1, of the signal.
         time: the same of the times; None for one whose name says so, if any.
         rate_hz: where there are no times and the file states no rate.
-        scale: response unit per unit of the column, after the factor of a stated unit.
+        scale: response unit per unit of the column, after the factor of a stated unit; None: 1, and
+            a stated unit of another kind is refused.
         unit: of the response.
 
     Raises:
         InputError: nothing states the sampling rate, or the file contradicts rate or unit.
     """
+    with _in_words_of_options():
+        return _read_signal(path, (column, time), rate_hz, scale, unit)
+
+
+def _read_signal(
+    path: Path,
+    columns: tuple[str, str | None],
+    rate_hz: float | None,
+    scale: float | None,
+    unit: str,
+) -> Record:
+    """Return the record of a table; ``columns``: of the signal and of the times."""
+    column, time = columns
     source = open_columns(path)
     position = source.position_of(_key(column), "⟦correct.column⟧")
     signal = SourceColumn(source, position, "[response]")
@@ -52,7 +94,10 @@ def read_signal(
             where=str(path),
             remedy="give ⟦correct.rate_hz⟧ if the table has no column of times",
         )
-    conversion = response_conversion(signal, ResponseSection(scale=scale, unit=unit), unit)
+    stated_scale = {} if scale is None else {"scale": scale}
+    section = ResponseSection(unit=unit, **stated_scale)
+    conversion = response_conversion(signal, section, unit)
+    factor = conversion.factor * section.scale
     aligned = align(ClockedChannel(signal, values, clock), None, None, None, str(path))
     if aligned.response.size != values.size or aligned.valid is not None:
         raise InputError(
@@ -62,9 +107,9 @@ def read_signal(
             where=str(path),
             remedy="name the table in a calibration file, and give that in its place",
         )
-    step = f"response: column {column} × {conversion.factor * scale!r}"
+    step = f"response: column {column} × {factor!r}"
     provenance = Provenance(path.name, sha256(path), (step,))
-    response = aligned.response * (conversion.factor * scale)
+    response = aligned.response * factor
     return Record(path.name, None, response, aligned.rate_hz, "decay", provenance=provenance)
 
 

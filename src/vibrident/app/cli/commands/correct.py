@@ -46,8 +46,8 @@ def correct(
         "TABLE: column of the times, in s or the unit of its name; else by name.",
     ),
     rate: float | None = options.rate("--rate", "TABLE: sampling rate, where it has no times."),
-    scale: float = options.factor(
-        "--scale", "X", "TABLE: response unit per unit of the column.", 1.0
+    scale: float | None = options.factor(
+        "--scale", "X", "TABLE: response unit per unit of the column.", "that of its unit, or 1"
     ),
     pictures: bool = options.PICTURES,
 ) -> None:
@@ -62,12 +62,12 @@ def correct(
     """
     limits = options.band(band)
     is_table = calibration.suffix.lower() != ".toml"
-    of_table = {"--column": column, "--time": time, "--rate": rate}
+    of_table = {"--column": column, "--time": time, "--rate": rate, "--scale": scale}
     if is_table:
         options.refuse_unused({"--track": track}, "a calibration file")
     else:
         is_given = {name: value is not None for name, value in of_table.items()}
-        options.refuse_unused(is_given | {"--scale": scale != 1.0}, "a table")
+        options.refuse_unused(is_given, "a table")
     if is_table:
         _correct_table(
             load_result(result), calibration, folder, limits, noise, (column, time, rate, scale)
