@@ -1,9 +1,14 @@
 """Bad input: exit 2, one message that says expected, found, where and remedy, no traceback, nothing written."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
+import typer
+from rich.text import Text
+
+from vibrident.app.cli.application import app
 
 RECORD = "100_Hz.csv"
 
@@ -219,6 +224,20 @@ def test_words_in_brackets_stand_in_the_help(run):
     text = " ".join(run("axes", "--help").output.split())
     assert "has a [[response]] for each output" in text
     assert "axis of the motion in each [[records]] entry" in text
+
+
+def all_commands(command):
+    yield command
+    for subcommand in getattr(command, "commands", {}).values():
+        yield from all_commands(subcommand)
+
+
+def test_no_help_loses_words_in_brackets():
+    """Every text of every command is printed as it stands, without its escapes."""
+    for command in all_commands(typer.main.get_command(app)):
+        texts = [command.help, *(getattr(parameter, "help", None) for parameter in command.params)]
+        for text in filter(None, texts):
+            assert Text.from_markup(text).plain == re.sub(r"\\(?=\[)", "", text), command.name
 
 
 def test_a_used_folder_is_not_simulated_into(run, tmp_path):

@@ -38,7 +38,9 @@ Names = Sequence[str] | Callable[[], Sequence[str]]
 
 def argument(metavar: str, help: str, value: Any = ..., default: str = "") -> Any:
     """Define an argument of a command."""
-    return typer.Argument(value, metavar=metavar, help=help, show_default=default or False)
+    return typer.Argument(
+        value, metavar=metavar, help=without_markup(help), show_default=default or False
+    )
 
 
 def option(
@@ -52,13 +54,19 @@ def option(
 ) -> Any:
     """Define an option with a value."""
     return typer.Option(
-        value, name, metavar=metavar, help=help, show_default=default, rich_help_panel=panel, **more
+        value,
+        name,
+        metavar=metavar,
+        help=without_markup(help),
+        show_default=default,
+        rich_help_panel=panel,
+        **more,
     )
 
 
 def flag(*names: str, help: str, value: bool = False, panel: str | None = None) -> Any:
     """Define an option without a value."""
-    return typer.Option(value, *names, help=help, rich_help_panel=panel)
+    return typer.Option(value, *names, help=without_markup(help), rich_help_panel=panel)
 
 
 def refuse_unused(is_given: Mapping[str, bool], belongs_to: str) -> None:
