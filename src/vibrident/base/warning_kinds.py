@@ -48,8 +48,9 @@ class WarningKind:
 _KINDS: tuple[WarningKind, ...] = (
     WarningKind(
         "lack_of_fit",
-        "the model does not describe the data",
-        "The deviations at the excited frequencies are larger than their uncertainties explain. "
+        "the model does not describe the data, or cannot be tested",
+        "The deviations at the excited frequencies are larger than their uncertainties explain, or "
+        "there are too few points to judge by. "
         "The message says what the uncertainties of the parameters cover: where they were widened "
         "to the size of the misfit they cover a misfit of that size, else they hold only if the "
         "model is right.",
