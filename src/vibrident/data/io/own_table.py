@@ -94,8 +94,9 @@ def _read_signal(
             where=str(path),
             remedy="give ⟦correct.rate_hz⟧ if the table has no column of times",
         )
-    stated_scale = {} if scale is None else {"scale": scale}
-    section = ResponseSection(unit=unit, **stated_scale)
+    section = ResponseSection(unit=unit)
+    if scale is not None:  # a stated one converts units of another kind
+        section = ResponseSection(unit=unit, scale=scale)
     conversion = response_conversion(signal, section, unit)
     factor = conversion.factor * section.scale
     aligned = align(ClockedChannel(signal, values, clock), None, None, None, str(path))
