@@ -116,7 +116,7 @@ def keywords() -> dict[str, set[str]]:
         "identify": [vibrident.identify, vibrident.identify_together, Ipnn, Adam, IdentifyRequest],
         "correct": [vibrident.correct, read_signal],
         "report": [report.write],
-        "plan": [vibrident.predict_mounted],
+        "plan": [vibrident.predict_mounted, vibrident.plan, vibrident.Recording],
         "fleet": [RunRequest, Orders, commands.fleet.fleet],
         "issue": [commands.issue.sign],
         "verify": [verification.verify],

@@ -104,7 +104,7 @@ def identify_many(
             "A model made in Python cannot go to other processes.",
             expected="workers=1, or the name of a model of an installed package",
             found=f"workers={workers}",
-            where="model",
+            where="⟦identify.model⟧",
             remedy="leave workers out, or register the model as a plug-in",
         )
     settings = {"model": model, "estimator": estimator, "uncertainty": uncertainty}

@@ -160,7 +160,8 @@ def test_a_damaged_result(command, damage, identified, made, run, tmp_path):
         (["--sensor", "papper"], ["did you mean 'paper'"]),
         (["--excitation", "sinus"], ["sine"]),
         (["--frequencies", "10-1000"], ["10:1000"]),
-        (["--frequencies", "1000:10"], ["1000 to 10"]),
+        (["--frequencies", "1000:10"], ["1000 to 10", "where:    --frequencies"]),
+        (["--frequencies", "10,nan"], ["--frequencies cannot be read", "above 0"]),
         (["--rate", "0"], ["--rate is out of range"]),
         (["--rate", "nan"], ["--rate is out of range"]),
         (["--rate", "1e300"], ["--rate is out of range"]),
@@ -171,9 +172,12 @@ def test_a_damaged_result(command, damage, identified, made, run, tmp_path):
         (["--interferometer", "quadrature", "--optics", "bits=3"], ["8 to 16"]),
         (["--interferometer", "quadrature", "--optics", "bits=12.7"], ["8 to 16"]),
         (["--interferometer", "quadrature", "--optics", "dropouts=1e9"], ["10000 at most"]),
+        (["--interferometer", "quadrature", "--optics", "rate=1e11"], ["too many samples", "--optics rate"]),
         (["--rate", "1500"], ["750"]),
-        (["--samples", "2"], ["samples"]),
-        (["--response-noise", "-1"], ["white"]),
+        (["--samples", "2"], ["--samples is out of range"]),
+        (["--response-noise", "-1"], ["--response-noise is out of range"]),
+        (["--reference-noise", "nan"], ["--reference-noise is out of range"]),
+        (["--excitation-snr", "inf"], ["--excitation-snr is out of range"]),
     ],
     ids=" ".join,
 )
@@ -238,6 +242,29 @@ def test_no_help_loses_words_in_brackets():
         texts = [command.help, *(getattr(parameter, "help", None) for parameter in command.params)]
         for text in filter(None, texts):
             assert Text.from_markup(text).plain == re.sub(r"\\(?=\[)", "", text), command.name
+
+
+PLANNED = ["--frequencies", "100:1000", "--model", "accelerometer"]
+PLANNED += ["--parameter", "sensitivity=1", "--parameter", "natural_frequency=2e3", "--parameter", "damping_ratio=0.1"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ([*PLANNED, "--response-noise", "-1"], ["--response-noise is out of range"]),
+        ([*PLANNED, "--magnitude-uncertainty", "nan"], ["--magnitude-uncertainty is out of range"]),
+        ([*PLANNED, "--rate", "1e4", "--samples", "1000"], ["--response-noise, --reference-noise"]),
+        ([*PLANNED, "--magnitude-uncertainty", "0.01", "--best", "1"], ["where:    --best"]),
+        ([*PLANNED, "--rate", "1e3", "--samples", "1000", "--response-noise", "1"], ["--amplitude, --frequencies"]),
+        (["--from", "RESULT", "--times-as-long", "0"], ["--times-as-long is out of range"]),
+        (["--from", "RESULT", "--mounting-mass", "0"], ["--mounting-mass is out of range"]),
+        (["--model", "accelerometr", "--frequencies", "10:1000"], ["where:    --model"]),
+    ],
+    ids=lambda value: " ".join(value[-2:]),
+)
+def test_a_plan_that_cannot_be(options, words, identified, run, tmp_path):
+    named = [identified if option == "RESULT" else option for option in options]
+    assert_refused(run("plan", "--out", tmp_path / "out", *named), tmp_path / "out", *words)
 
 
 def test_a_used_folder_is_not_simulated_into(run, tmp_path):

@@ -27,6 +27,11 @@ SENSORS = ("paper", "inverted", "cubic", "two-mode", "piezo", "geophone", "seism
 FORMATS = ("html", "pdf", "md")
 #: Sampling rates, Hz: from a sample in a month to the largest of a light's detector.
 RATES_HZ = (1e-7, 1e12)
+MIN_FREQUENCY_HZ = 1e-9
+#: Quantities above 0 in their units; relative ones; noise relative to what it is noise of.
+SIZES = (1e-15, 1e15)
+RELATIVE = (1e-12, 1e3)
+RELATIVE_NOISE = (0.0, 1e6)
 
 # names to choose from, or a function that returns them
 Names = Sequence[str] | Callable[[], Sequence[str]]
@@ -334,13 +339,27 @@ def frequencies(text: str | None) -> list[float] | None:
         numbers = [float(number_text) for number_text in text.split(separator)]
     except ValueError:
         numbers = []
-    if not numbers or (separator == ":" and len(numbers) != 2):
-        expected = "a range of one-third octaves such as 10:1000, or a list such as 10,20,50; in Hz"
+    is_range = separator == ":"
+    if not numbers or (is_range and len(numbers) != 2) or not _are_frequencies(numbers):
         raise unreadable_error(
-            "--frequencies", text, expected, "write numbers with a point, without units"
+            "--frequencies",
+            text,
+            "a range of one-third octaves such as 10:1000, or a list such as 10,20,50; in Hz, "
+            "above 0",
+            "write numbers with a point, without units",
         )
-    if separator == ",":
-        return numbers
+    return _one_third_octaves(*numbers) if is_range else numbers
+
+
+def _are_frequencies(numbers: Sequence[float]) -> bool:
+    """Tell whether each number is a frequency in Hz that can be planned or simulated."""
+    return all(MIN_FREQUENCY_HZ <= number <= RATES_HZ[1] for number in numbers)
+
+
+def _one_third_octaves(low_hz: float, high_hz: float) -> list[float]:
     from vibrident.physics.simulation import one_third_octave
 
-    return one_third_octave(*numbers).tolist()
+    try:
+        return one_third_octave(low_hz, high_hz).tolist()
+    except InputError as error:
+        raise error.at(marked("--frequencies")) from None

@@ -9,7 +9,9 @@ from typing import Any
 from vibrident.base.settings import Word, plain, python_word
 
 #: What a keyword says beside its option: the unit, or what identifies the object.
-_UNIT = re.compile(r"_(hz|s|bytes|id|number)$")
+_UNIT = re.compile(r"_(hz|s|rad|bytes|id|number)$")
+#: Keyword → its option, where that has another name.
+_OPTIONS = {"sampling_rate_hz": "--rate", "parameters": "--parameter"}
 
 
 def shell_word(root: Any, running: str | None = None) -> Word:
@@ -38,7 +40,7 @@ def shell_word(root: Any, running: str | None = None) -> Word:
 
 def _flags(root: Any, names: list[str], keyword: str) -> Iterator[str]:
     """Yield the options for a keyword, by the name of a command's parameter or by their own."""
-    flag_of_keyword = f"--{_UNIT.sub('', keyword).replace('_', '-')}"
+    flag_of_keyword = _OPTIONS.get(keyword, f"--{_UNIT.sub('', keyword).replace('_', '-')}")
     for name in names:
         command = root.commands.get(name)
         for subcommand in getattr(command, "commands", {"": command}).values():

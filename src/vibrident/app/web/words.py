@@ -20,6 +20,12 @@ LABELS: NamedTexts = {
     "export.form": phrase("Export as"),
     "export.certificate": phrase("What the certificate states"),
     "report.form": phrase("Download"),
+    **{
+        f"{name}.{key}": field.label
+        for name in ("correct", "track", "plan")
+        for key, field in TASKS[name].fields.items()
+        if key not in {"low_hz", "high_hz"}
+    },
     **{f"export.{name}": option.label for name, option in OPTIONS.items() if option.label},
 }
 _COMMANDS = {

@@ -164,7 +164,7 @@ def require_plain(estimator: object, *, sampled: bool = False) -> None:
             "estimate of their own.",
             expected="the estimator 'auto' (or 'ml'), without posterior",
             found=f"free decays only, {'a posterior' if sampled else f'estimator {estimator!r}'}",
-            where="estimator",
+            where="⟦identify.estimator⟧",
             remedy="use the estimator 'auto'",
         )
 
@@ -187,6 +187,6 @@ def _require_one_oscillator(model: SensorModel) -> None:
             found=f"{model.name!r} with {', '.join(undetermined)}"
             if undetermined
             else repr(model.name),
-            where="model",
+            where="⟦identify.model⟧",
             remedy=f"identify with {model.core.name!r}, or add records with a reference",
         )

@@ -160,6 +160,6 @@ def choose(evidence: Evidence) -> tuple[Estimator, str]:
         "No estimator suits these data.",
         expected="a table, or records with a reference",
         found=f"a model {evidence.model.name!r} with other data",
-        where="estimator",
+        where="⟦identify.estimator⟧",
         remedy="name the estimator",
     )

@@ -97,7 +97,7 @@ def identify_together(
             "A learned residual belongs to one calibration.",
             expected="an estimator without it for a joint fit",
             found=f"{len(calibrations)} calibrations",
-            where="estimator",
+            where="⟦identify.estimator⟧",
             remedy="leave the residual out, or identify one calibration at a time",
         )
     fitted = tuple(
@@ -159,7 +159,7 @@ def _models(model: GivenModel | Sequence[GivenModel | None] | None, count: int) 
             "The number of models is not that of the calibrations.",
             expected=f"one model for all, or {count}",
             found=f"{len(model)} models",
-            where="model",
+            where="⟦identify.model⟧",
             remedy="name one model, or as many as there are calibrations",
         )
     return [named(model_of_one) for model_of_one in model]

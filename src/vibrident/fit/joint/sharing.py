@@ -114,7 +114,7 @@ def _check_common(
                 f"reference {calibration.quantity}"
                 for calibration in calibrations
             ),
-            where="share",
+            where="⟦identify.share⟧",
             remedy="share other parameters, or identify these calibrations one by one",
         )
 

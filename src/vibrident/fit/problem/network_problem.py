@@ -231,7 +231,7 @@ def require_rational(model: SensorModel) -> None:
         "The network cannot be trained in time: the model is not a rational function.",
         expected=f"a model without {factors}",
         found=repr(model.name),
-        where="estimator",
+        where="⟦identify.estimator⟧",
         remedy="use the estimator 'auto' with a linear model",
     )
 

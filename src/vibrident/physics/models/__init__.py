@@ -114,7 +114,7 @@ def with_add_ons(core: Model, names: str) -> SensorModel:
                 f"The add-on {addon_name!r} is named twice.",
                 expected="each add-on at most once",
                 found=repr(stated_name),
-                where="model",
+                where="⟦identify.model⟧",
                 remedy=f"leave one {addon_name!r} out",
             )
         add_ons.append(addon)
@@ -150,7 +150,7 @@ def _add_on(addon_name: str, core: Model, model_name: str) -> AddOn:
             f"The add-on {kind!r} cannot be read.",
             expected=f"a number behind the colon, of {' or '.join(with_number)} alone",
             found=repr(model_name),
-            where="model",
+            where="⟦identify.model⟧",
             remedy=f"write {kind!r} without the colon, or a number behind it",
         )
     return addon if value == 0.0 else addon.with_number(value, core)
@@ -232,7 +232,7 @@ def named(model: GivenModel | None) -> str | None:
             "This is no sensor model.",
             expected="a name, such as 'accelerometer+delay', or a vibrident.Model",
             found=f"one of {type(core).__qualname__}",
-            where="model",
+            where="⟦identify.model⟧",
             remedy="give a name or a Model",
         )
     MODELS.register(core)
@@ -271,7 +271,7 @@ def _as_mounted(model: SensorModel, calibration: Calibration) -> SensorModel:
             "The mounting is both known and fitted.",
             expected=expected,
             found=f"{model.name!r}, and a frequency of the mounting",
-            where="model",
+            where="⟦identify.model⟧",
             remedy="leave one of the two out",
         )
     if fitted is None:
@@ -279,7 +279,7 @@ def _as_mounted(model: SensorModel, calibration: Calibration) -> SensorModel:
             "The mounting is neither known nor fitted.",
             expected=expected,
             found=f"{model.name!r}, and the mass ratio alone",
-            where="model",
+            where="⟦identify.model⟧",
             remedy=f"use {model.name + '+mounting'!r}, or state frequency_hz under [mounting]",
         )
     if fitted.with_number is None:  # the model states its mass ratio
@@ -309,7 +309,7 @@ def _check_names(model: SensorModel) -> None:
             "Two parts of the model have a parameter of the same name.",
             expected="parts with parameters of their own",
             found=f"{', '.join(repeated)} twice in {model.name!r}",
-            where="model",
+            where="⟦identify.model⟧",
             remedy="leave one of the parts out",
         )
 
@@ -323,7 +323,7 @@ def _check_parallel(model: SensorModel) -> None:
             f"The add-on {parallel[0]!r} cannot be combined with {alone[0]!r}.",
             expected="a sensor of one mode on a mounting with a mass ratio",
             found=repr(model.name),
-            where="model",
+            where="⟦identify.model⟧",
             remedy=f"leave out {parallel[0]!r}, or the mass ratio",
         )
 
@@ -338,7 +338,7 @@ def _check_nonlinear(model: SensorModel) -> None:
             f"The add-on {nonlinear[0]!r} cannot be combined with this model.",
             expected=f"'{fitting}+{nonlinear[0]}', with or without a delay",
             found=repr(model.name),
-            where="model",
+            where="⟦identify.model⟧",
             remedy=f"leave out {', '.join(repr(addon) for addon in unfit) or repr(nonlinear[0])}",
         )
 
@@ -350,6 +350,6 @@ def _unknown_element(
         f"The {kind} {element!r} is not known.",
         expected=" | ".join(table),
         found=repr(name),
-        where="model",
+        where="⟦identify.model⟧",
         remedy=did_you_mean(element, table),
     )

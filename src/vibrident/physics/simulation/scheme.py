@@ -65,7 +65,7 @@ def one_third_octave(low_hz: float, high_hz: float) -> FloatArray:
     require(
         first <= last,
         "No one-third-octave frequency lies in this range.",
-        expected="low_hz at or below high_hz, with a frequency 10^(n/10) between them",
+        expected="a lower and a higher limit, with a frequency 10^(n/10) Hz between them",
         found=f"{low_hz:g} to {high_hz:g} Hz",
         where="one_third_octave",
         remedy="widen the range",

@@ -167,7 +167,7 @@ def correct(
             "The noise is not usable.",
             expected="a standard deviation in the response unit, 0 or above",
             found=repr(noise),
-            where="noise",
+            where="⟦correct.noise⟧",
             remedy="correct it, or leave it to be estimated",
         )
     usable, findings = screened_by_response(selected, recorded_unit)

@@ -165,7 +165,7 @@ def plan(
     else:
         points = _points_of_result(subject, source, times_as_long, twice=recording is not None)
     if criterion not in CRITERIA:
-        raise unknown("The criterion is not known.", criterion, CRITERIA, "plan, criterion")
+        raise unknown("The criterion is not known.", criterion, CRITERIA, "⟦plan.criterion⟧")
     require_points(
         points,
         best if best is not None else frequency.size,
@@ -288,16 +288,23 @@ def _points_of_result(
     subject: Subject, source: Result | None, times_as_long: float, *, twice: bool
 ) -> PlannedPoints:
     """Return points as good as those of a result."""
-    if twice or source is None or not source.measured.frequency_hz.size or times_as_long <= 0:
+    if not (np.isfinite(times_as_long) and times_as_long > 0):
+        raise InputError(
+            "The length of the records cannot be planned with.",
+            expected="a finite factor above 0",
+            found=f"{times_as_long:g}",
+            where="⟦plan.times_as_long⟧",
+            remedy="give another number, or leave it out",
+        )
+    if twice or source is None or not source.measured.frequency_hz.size:
         raise InputError(
             "The uncertainty of the points is not given, or given twice.",
             expected=(
                 "noise with sampling rate and samples, or uncertainties of magnitude and phase, "
-                "or a result with measured points (and records at least as long as a part of its "
-                "own)"
+                "or a result with measured points"
             ),
             found="records and a table" if twice else "none of them",
-            where="plan",
+            where="⟦here⟧",
             remedy="give one of them",
         )
     magnitude, phase = _noise_of_result(source, subject, times_as_long)

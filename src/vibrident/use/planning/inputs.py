@@ -48,7 +48,7 @@ def model_and_values(
             ),
             found=", ".join(f"{key} = {value:g}" for key, value in numbers.items())
             or "no parameters",
-            where="plan, parameters",
+            where="⟦plan.parameters⟧",
             remedy="give every parameter of the model, and no other"
             if linear
             else "plan without 'cubic'",
@@ -64,7 +64,7 @@ def reference_quantity(quantity: Quantity | None, source: Result | None) -> Quan
         or "acceleration"
     )
     if name not in QUANTITIES:
-        raise unknown("The reference quantity is not known.", name, QUANTITIES, "plan, quantity")
+        raise unknown("The reference quantity is not known.", name, QUANTITIES, "⟦plan.quantity⟧")
     return name
 
 
@@ -85,7 +85,7 @@ def planned_frequencies(
             "There are no frequencies to plan with.",
             expected="at least one finite frequency above 0 Hz",
             found=f"{frequency.tolist()}"[:80],
-            where="plan, frequencies",
+            where="⟦plan.frequencies_hz⟧",
             remedy="give frequencies, or a result that has measured points",
         )
     return np.sort(frequency)
@@ -122,6 +122,6 @@ def require_points(points: PlannedPoints, count: int, *, repeats: bool, is_best:
             "candidates"
         ),
         found=f"{count} points",
-        where="plan, best" if is_best else "plan, frequencies",
+        where="⟦plan.best⟧" if is_best else "⟦plan.frequencies_hz⟧",
         remedy="choose another number, or give more frequencies",
     )

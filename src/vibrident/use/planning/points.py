@@ -62,7 +62,7 @@ class Recording:
                 "The recording cannot be planned.",
                 expected="a sampling rate above 0 and at least 16 samples",
                 found=f"{self.sampling_rate_hz!r} Hz, {self.samples!r} samples",
-                where="plan, sampling rate and samples",
+                where="⟦plan.sampling_rate_hz⟧, ⟦plan.samples⟧",
                 remedy="correct them",
             )
         noise = np.array(
@@ -78,7 +78,7 @@ class Recording:
                 "The noise cannot be planned with.",
                 expected="finite numbers, 0 or above, and one of them above 0",
                 found=", ".join(f"{value:g}" for value in noise),
-                where="plan, noise",
+                where="⟦plan.response_noise⟧, ⟦plan.reference_noise⟧",
                 remedy="give the noise of the response (and of the reference), relative or as rms",
             )
 
@@ -146,7 +146,7 @@ def points_of_records(
             found=(
                 f"amplitudes from {amplitude.min():g}, frequencies up to {frequency_hz.max():g} Hz"
             ),
-            where="plan",
+            where="⟦plan.amplitude⟧, ⟦plan.frequencies_hz⟧",
             remedy="correct the amplitude, lower the frequency, or raise the sampling rate",
         )
     reference = amplitude / np.abs(2j * np.pi * frequency_hz) ** DERIVATIVES[subject.quantity]
@@ -178,13 +178,16 @@ def points_of_table(
     Raises:
         InputError: an uncertainty is not above zero.
     """
-    for label, u in (("magnitude", magnitude), ("phase", phase_rad)):
+    for label, where, u in (
+        ("magnitude", "⟦plan.magnitude_uncertainty⟧", magnitude),
+        ("phase", "⟦plan.phase_uncertainty_rad⟧", phase_rad),
+    ):
         if u is not None and not (np.isfinite(u).all() and (u > 0).all()):
             raise InputError(
                 f"The uncertainty of the {label} cannot be planned with.",
                 expected="finite numbers above 0",
                 found=f"{np.min(u):g}",
-                where=f"plan, uncertainty of the {label}",
+                where=where,
                 remedy="give a standard uncertainty (k = 1)",
             )
     gain = subject.response()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from vibrident.app.cli import options
@@ -10,7 +11,7 @@ from vibrident.app.cli.options import argument, flag, option
 from vibrident.app.cli.progress import ProgressBar
 from vibrident.app.workflow.estimators import estimators_with, misfit_error
 from vibrident.app.workflow.folder import written_whole
-from vibrident.base.errors import InputError
+from vibrident.base.errors import InputError, ModelError
 from vibrident.fit.registry import ESTIMATORS
 
 
@@ -47,12 +48,10 @@ def compare(
     if steps and named and not estimators_with("discretisation", named):
         expected = f"--estimators with {' or '.join(estimators_with('discretisation'))}"
         raise misfit_error("--discretisations", expected, f"--estimators {','.join(named)}")
-    from vibrident.physics.models import parse
     from vibrident.use.comparison import read_truth
 
     truth_values = read_truth(truth) if truth else {}
-    for name in names or ():
-        parse(name)  # checked before anything is identified
+    _require_models(names or ())  # before anything is identified
     with written_whole(folder) as output:
         calibrations = [file for file in files if file.suffix.lower() == ".toml"]
         if calibrations and len(files) > 1:
@@ -102,3 +101,14 @@ def _mixed_files_error(files: list[Path]) -> InputError:
         where="command line",
         remedy="compare one calibration file at a time, or the results of several",
     )
+
+
+def _require_models(names: Sequence[str]) -> None:
+    """Refuse names of models that are not known."""
+    from vibrident.physics.models import parse
+
+    for name in names:
+        try:
+            parse(name)
+        except ModelError as error:
+            raise error.at("⟦--models⟧") from None

@@ -7,7 +7,7 @@ from typing import Any
 
 from vibrident.app.cli import options
 from vibrident.app.cli.console import show_output, show_written, warn
-from vibrident.app.cli.options import argument, flag, option
+from vibrident.app.cli.options import argument, between, flag, option
 from vibrident.app.cli.progress import ProgressBar
 from vibrident.app.workflow.folder import inputs_of, load_result, written_whole
 
@@ -29,10 +29,12 @@ def correct(
         "Hz: the band to restore.",
         default="chosen from noise, motion, sensor and sampling rate",
     ),
-    noise: float | None = option(
+    noise: float | None = between(
         "--noise",
         "RMS",
         "White noise of the response, in its unit.",
+        0.0,
+        options.SIZES[1],
         default="estimated from each record",
     ),
     track: bool = flag(

@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING
 
 from vibrident.app.cli import options
 from vibrident.app.cli.console import show_output, show_written
-from vibrident.app.cli.options import choice, flag, option
+from vibrident.app.cli.options import (
+    RATES_HZ,
+    RELATIVE,
+    RELATIVE_NOISE,
+    SIZES,
+    between,
+    choice,
+    flag,
+    option,
+)
 from vibrident.app.cli.progress import ProgressBar
 from vibrident.app.workflow.folder import load_result, written_whole
 from vibrident.base.errors import InputError
@@ -23,9 +32,11 @@ if TYPE_CHECKING:
 
 # Panels of the help.
 _SENSOR = "Sensor"
-_points = partial(option, panel="Points")
+_points = partial(between, panel="Points")
 _CHOICE = "Choice of frequencies"
-_mounting = partial(option, panel="Another mounting, with --from")
+_mounting = partial(between, panel="Another mounting, with --from")
+_RMS = (0.0, SIZES[1], 0.0)
+_TIMES = (1e-6, 1e6)
 _PARAMETER = (
     "A parameter of the model in SI units, such as natural_frequency=1000 (Hz); repeat for each."
 )
@@ -56,66 +67,80 @@ def plan(
     ),
     parameter: list[str] | None = option("--parameter", "NAME=VALUE", _PARAMETER, panel=_SENSOR),
     quantity: str | None = _QUANTITY,
-    frequencies: str | None = _points(
+    frequencies: str | None = option(
         "--frequencies",
         "LOW:HIGH|A,B",
         "Hz: one-third octaves in a range, or a list.",
         default="those of the result",
+        panel="Points",
     ),
     amplitude: float | None = _points(
-        "--amplitude", "A", "Peak acceleration, m/s².", default="9.80665"
+        "--amplitude", "A", "Peak acceleration, m/s².", *SIZES, default="9.80665"
     ),
     rate: float | None = options.rate("--rate", "Sampling rate.", panel="Points"),
-    samples: int | None = _points("--samples", "N", "Samples of every record."),
+    samples: int | None = _points("--samples", "N", "Samples of every record.", 16, 1e9),
     response_noise: float = _points(
-        "--response-noise", "REL", "White, relative to the response's rms.", 0.0
+        "--response-noise", "REL", "White, relative to the response's rms.", *RELATIVE_NOISE, 0.0
     ),
     response_noise_rms: float = _points(
-        "--response-noise-rms", "RMS", "White, in the response's unit.", 0.0
+        "--response-noise-rms", "RMS", "White, in the response's unit.", *_RMS
     ),
     reference_noise: float = _points(
-        "--reference-noise", "REL", "White, relative to the reference's rms.", 0.0
+        "--reference-noise", "REL", "White, relative to the reference's rms.", *RELATIVE_NOISE, 0.0
     ),
     reference_noise_rms: float = _points(
-        "--reference-noise-rms", "RMS", "White, in the reference's unit.", 0.0
+        "--reference-noise-rms", "RMS", "White, in the reference's unit.", *_RMS
     ),
     magnitude_u: float | None = _points(
-        "--magnitude-uncertainty", "REL", "Of a table's magnitudes, k = 1."
+        "--magnitude-uncertainty", "REL", "Of a table's magnitudes, k = 1.", *RELATIVE
     ),
-    phase_u: float | None = _points("--phase-uncertainty", "DEG", "Of a table's phases, k = 1."),
+    phase_u: float | None = _points(
+        "--phase-uncertainty", "DEG", "Of a table's phases, k = 1.", 1e-12, 360.0
+    ),
     longer: float = _points(
-        "--times-as-long", "X", "With --from alone: records X times as long.", 1.0
+        "--times-as-long", "X", "With --from alone: records X times as long.", 1e-6, 1e6, 1.0
     ),
     reference_uncertainty: float | None = _points(
         "--reference-uncertainty",
         "REL",
         "Systematic, of the reference, k = 1.",
+        0.0,
+        RELATIVE[1],
         default="the result's",
     ),
-    best: int | None = option(
-        "--best", "N", "Choose N of the frequencies.", panel=_CHOICE, default="all"
+    best: int | None = between(
+        "--best", "N", "Choose N of the frequencies.", 1, 1e6, panel=_CHOICE, default="all"
     ),
     criterion: str = _CRITERION,
     repeats: bool = flag(
         "--repeats", help="A frequency may be chosen several times.", panel=_CHOICE
     ),
     stiffness: float | None = _mounting(
-        "--mounting-stiffness", "X", "Predict the sensitivity: X times the coupling's stiffness."
+        "--mounting-stiffness",
+        "X",
+        "Predict the sensitivity: X times the coupling's stiffness.",
+        *_TIMES,
     ),
     mass: float | None = _mounting(
-        "--mounting-mass", "X", "Predict the sensitivity: X times the mass of the sensor."
+        "--mounting-mass", "X", "Predict the sensitivity: X times the mass of the sensor.", *_TIMES
     ),
     frequency_hz: float | None = _mounting(
         "--mounting-frequency",
         "HZ",
         "Mounting frequency √(k/m)/2π.",
+        *RATES_HZ,
         default="that of the result",
     ),
     standard_uncertainty: float | None = _mounting(
-        "--mounting-uncertainty", "REL", "Of that frequency."
+        "--mounting-uncertainty", "REL", "Of that frequency.", 0.0, RELATIVE[1]
     ),
     damping: float | None = _mounting(
-        "--mounting-damping", "X", "Damping ratio of the mounting.", default="that of the result"
+        "--mounting-damping",
+        "X",
+        "Damping ratio of the mounting.",
+        1e-9,
+        1e3,
+        default="that of the result",
     ),
     folder: Path | None = option(
         "--out", "DIR", "Folder for plan.json or mounting.csv and a picture.", default="none"

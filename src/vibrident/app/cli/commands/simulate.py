@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from vibrident.app.cli import options
 from vibrident.app.cli.console import print_line, show_written
-from vibrident.app.cli.options import choice, flag, option, unreadable_error
+from vibrident.app.cli.options import between, choice, flag, option, unreadable_error
 from vibrident.app.cli.progress import ProgressBar
 from vibrident.app.workflow.folder import refuse_filled_folder, written_whole
 from vibrident.app.workflow.simulated import write
@@ -66,8 +66,12 @@ _FIELDS = {
     "ellipse": "random",
 }
 
+#: Most samples of an optical signal in one record: some 1.6 GB of each array.
+MAX_LIGHT_SAMPLES = 200_000_000
+
 # Panels of the help.
-_noise = partial(option, panel="Noise")
+_noise = partial(between, panel="Noise")
+_WHITE = ("White, relative to the rms.", *options.RELATIVE_NOISE, 0.0)
 _LIGHT = "Raw light"
 
 
@@ -84,7 +88,7 @@ def simulate(
         "NAME",
     ),
     rate: float | None = options.rate("--rate", "Sampling rate.", "the sensor's usual"),
-    samples: int = option("--samples", "N", "Samples of every record.", 16000),
+    samples: int = between("--samples", "N", "Samples of every record.", 8, 1e8, 16000),
     frequencies: str | None = option(
         "--frequencies",
         "LOW:HIGH|A,B",
@@ -111,10 +115,10 @@ def simulate(
         "exact",
     ),
     excitation_snr: float | None = _noise(
-        "--excitation-snr", "DB", "Excitation over noise motion of the base."
+        "--excitation-snr", "DB", "Excitation over noise motion of the base.", -300.0, 300.0
     ),
-    reference_noise: float = _noise("--reference-noise", "REL", "White, relative to the rms.", 0.0),
-    response_noise: float = _noise("--response-noise", "REL", "White, relative to the rms.", 0.0),
+    reference_noise: float = _noise("--reference-noise", "REL", *_WHITE),
+    response_noise: float = _noise("--response-noise", "REL", *_WHITE),
     interferometer: str | None = choice(
         "--interferometer",
         ("quadrature", "heterodyne"),
@@ -124,7 +128,7 @@ def simulate(
     optics: str | None = option(
         "--optics", "KEY=VALUE,…", f"Its faults: {', '.join(KEYS)}.", default=False, panel=_LIGHT
     ),
-    seed: int = _noise("--seed", "N", "Seed of all random numbers.", 0, min=0),
+    seed: int = option("--seed", "N", "Seed of all random numbers.", 0, panel="Noise", min=0),
     force: bool = flag("--force", help="Write into a folder that is not empty."),
 ) -> None:
     """Simulate a calibration: records, calibration.toml for identify, and truth.json."""
@@ -177,9 +181,9 @@ def _write_light(
 
     true_sensor = sensor_named(sensor)
     seed = settings["seed"]
-    light = _optics(
-        kind, optics, settings["sampling_rate_hz"] or true_sensor.sampling_rate_hz, seed
-    )
+    rate_hz = settings["sampling_rate_hz"] or true_sensor.sampling_rate_hz
+    light = _optics(kind, optics, rate_hz, seed)
+    _require_length(light, settings["samples"] / rate_hz)
     del settings["quantity"]
     calibration = write_optical_calibration(folder, true_sensor, excitation, light, **settings)
     write_truth(folder / "truth.json", true_sensor, calibration, seed, interferometer=asdict(light))
@@ -214,6 +218,19 @@ def _optics(kind: str, text: str | None, rate_hz: float, seed: int) -> Optics:
     for key in COUNTS & values.keys():
         values[key] = int(values[key])
     return drawn(replace(Optics(setting), cyclic_rad=cyclic, **values), seed)
+
+
+def _require_length(light: Optics, duration_s: float) -> None:
+    """Refuse light that no memory holds."""
+    if light.rate_hz is None or light.rate_hz * duration_s <= MAX_LIGHT_SAMPLES:
+        return
+    raise InputError(
+        "The light would have too many samples.",
+        expected=f"at most {MAX_LIGHT_SAMPLES / duration_s:g} Hz, for records of {duration_s:g} s",
+        found=f"{light.rate_hz:g} Hz",
+        where="--optics rate",
+        remedy="give a smaller rate, or fewer samples",
+    )
 
 
 def _read_faults(text: str | None) -> Fields:

@@ -104,7 +104,7 @@ def _one_source(*, follow: bool, stdin: str | None, source: str | None) -> tuple
             "More than one source is given.",
             expected="one of --follow, --stdin, --source",
             found=", ".join(name for name, _ in sources),
-            where="options",
+            where="command line",
             remedy="leave the others out",
         )
     return sources[0] if sources else (RECORDS, "")

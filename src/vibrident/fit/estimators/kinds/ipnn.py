@@ -193,7 +193,7 @@ def require_records(evidence: Evidence) -> None:
             "The network is trained on records with a reference.",
             expected="[[records]] with a reference channel",
             found="a table" if evidence.calibration.table is not None else "free decays only",
-            where="estimator",
+            where="⟦identify.estimator⟧",
             remedy="use the estimator 'auto' for a table; "
             "add a record with a reference to free decays",
         )

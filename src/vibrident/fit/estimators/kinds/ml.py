@@ -183,7 +183,7 @@ def responses(name: str, evidence: Evidence) -> FrequencyProblem:
             f"The estimator {name!r} works in frequency, and this model has no transfer function.",
             expected="the estimator 'auto' with [[records]], which hold the motion in time",
             found=f"estimator {name!r} with {evidence.model.name!r}",
-            where="estimator",
+            where="⟦identify.estimator⟧",
             remedy="use the estimator 'auto' with records, or a linear model",
         )
     problem = evidence.first_look
@@ -192,7 +192,7 @@ def responses(name: str, evidence: Evidence) -> FrequencyProblem:
             f"The estimator {name!r} needs complex responses: sine records, or a table.",
             expected="excitation = 'sine' in every record, or [table]",
             found=", ".join(sorted({record.excitation for record in evidence.records})),
-            where="estimator",
+            where="⟦identify.estimator⟧",
             remedy="use the estimator 'auto'",
         )
     return problem

@@ -70,7 +70,7 @@ def _with_mass_ratio(mass_ratio: float, core: Model) -> AddOn:
             "This is no ratio of masses.",
             expected="seismic mass over mass of the housing, above 0, such as mounting:0.2",
             found=f"mounting:{mass_ratio:g}",
-            where="model",
+            where="⟦identify.model⟧",
             remedy="correct it; 'mounting' alone neglects the seismic mass",
         )
     if core.oscillator is None:
@@ -78,7 +78,7 @@ def _with_mass_ratio(mass_ratio: float, core: Model) -> AddOn:
             "This model has no seismic mass.",
             expected=f"'{core.name}+mounting', without a mass ratio",
             found=f"'{core.name}+mounting:{mass_ratio:g}'",
-            where="model",
+            where="⟦identify.model⟧",
             remedy="leave the mass ratio out",
         )
     natural_name, damping_name = core.oscillator
