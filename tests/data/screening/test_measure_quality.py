@@ -100,8 +100,10 @@ def test_a_channel_that_never_changes_is_dead(channel):
     assert [r.name for r in kept] == ["record"]
     assert [f.code for f in findings] == ["dead_channel"]
     assert "flat" in findings[0].message
-    with pytest.raises(InputError, match="No record can be used"):
-        screen([dead])
+    with pytest.raises(InputError, match="No record can be used") as refusal:
+        screen([replace(dead, name=f"flat {n}") for n in range(7)])
+    names = ", ".join(f"flat {n}" for n in range(5))
+    assert refusal.value.found == f"the {channel} channel never changes: {names} and 2 more"
 
 
 @pytest.mark.parametrize("channel", ["reference", "response"])

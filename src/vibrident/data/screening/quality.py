@@ -50,6 +50,7 @@ MIN_END_PROMINENCE = 3.0
 STEADY = ("sine", *STATIONARY_EXCITATIONS)
 #: Motions throughout which the response follows the reference linearly.
 LINEAR = (*STEADY, "sweep")
+MAX_NAMES = 5  # of records in a message
 
 
 @dataclass(frozen=True)
@@ -74,26 +75,31 @@ def screen(
     """
     usable = []
     findings = []
+    left_out: dict[str, list[str]] = {}
     for record in records:
         screening = _RecordScreening(record, units or {})
         if dead := screening.dead_channel:
-            text = f"{record.name}: the {dead} channel never changes; the record is left out."
-            findings.append(ScreeningFinding("dead_channel", text))
+            reason = f"the {dead} channel never changes"
+            left_out.setdefault(reason, []).append(record.name)
+            findings.append(_left_out(record, reason))
             continue
         screening.mask_spoilt_samples()
         record = screening.record
         spoilt = screening.findings
         findings += spoilt
         if record.mask.sum() < 8 or (spoilt and _is_too_broken(record)):
-            text = (
-                f"{record.name}: too little is left between the samples left out; "
-                "the record is left out."
-            )
-            findings.append(ScreeningFinding(spoilt[0].code if spoilt else "dead_channel", text))
+            reason = "too little is left between the samples left out"
+            left_out.setdefault(reason, []).append(record.name)
+            findings.append(_left_out(record, reason, spoilt[0].code if spoilt else "dead_channel"))
             continue
         findings += _aliasing_findings(record)
         usable.append(record)
-    return _require_records(usable, findings)
+    return _require_records(usable, left_out), tuple(findings)
+
+
+def _left_out(record: Record, reason: str, code: WarningCode = "dead_channel") -> ScreeningFinding:
+    """Return the finding of a record that is left out."""
+    return ScreeningFinding(code, f"{record.name}: {reason}; the record is left out.")
 
 
 def without_steady_decays(
@@ -105,15 +111,18 @@ def without_steady_decays(
         InputError: no record is left.
     """
     steady = [r for r in records if r.excitation == "decay" and is_sustained(r.response, r.mask)]
-    text = "the response does not die away, it is as large late as early; the record is left out."
-    findings = [ScreeningFinding("dead_channel", f"{record.name}: {text}") for record in steady]
-    return _require_records([record for record in records if record not in steady], findings)
+    reason = "the response does not die away, it is as large late as early"
+    findings = tuple(_left_out(record, reason) for record in steady)
+    dying = [record for record in records if record not in steady]
+    return _require_records(dying, {reason: [record.name for record in steady]}), findings
 
 
 def _require_records(
-    records: Sequence[Record], findings: Sequence[ScreeningFinding]
-) -> tuple[tuple[Record, ...], tuple[ScreeningFinding, ...]]:
-    """Return the records and findings, or refuse if there are no records.
+    records: Sequence[Record], left_out: Mapping[str, Sequence[str]]
+) -> tuple[Record, ...]:
+    """Return the records, or refuse if there are none.
+
+    ``left_out``: names of records by the reason why they are left out.
 
     Raises:
         InputError: there are none.
@@ -123,12 +132,18 @@ def _require_records(
             "No record can be used.",
             expected="at least one record in which both channels carry a signal, of a decay one "
             "that dies away",
-            found="; ".join(f.message for f in findings),
+            found="; ".join(f"{reason}: {_names(names)}" for reason, names in left_out.items()),
             where="records",
             remedy="check the excitation, and the columns of [reference] and [response] with "
             "⟦command = inspect⟧",
         )
-    return tuple(records), tuple(findings)
+    return tuple(records)
+
+
+def _names(names: Sequence[str]) -> str:
+    """Return the first names, and how many others there are."""
+    excess = len(names) - MAX_NAMES
+    return ", ".join(names[:MAX_NAMES]) + (f" and {excess} more" if excess > 0 else "")
 
 
 def _is_too_broken(record: Record) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from vibrident.data.screening import ScreeningFinding
 
 MAX_STEPS = 8  # of the reading that are shown
+_CHECKSUM = re.compile(r",? SHA-256 [0-9a-f]{64}")
+_FILE = re.compile(rf"{_CHECKSUM.pattern}|[^\s,]+\.[A-Za-z]\w*")
 
 
 def inspect(
@@ -102,16 +105,34 @@ def _steps(calibration: Calibration) -> list[str]:
     sources = [record.provenance for record in calibration.records]
     if calibration.table is not None:
         sources = [calibration.table.provenance]
-    counts = Counter(step for source in sources for step in source.history).most_common(
-        MAX_STEPS + 1
-    )
+    steps = [step for source in sources for step in source.history]
+    counts = Counter(map(_without_files, steps)).most_common(MAX_STEPS + 1)
+    examples = {_without_files(step): step for step in reversed(steps)}
+    same = Counter(steps)
     lines = [
-        step if count == len(sources) else f"{step} ({count} records)"
-        for step, count in counts[:MAX_STEPS]
+        _step_line(examples[kind], same[examples[kind]], number, len(sources))
+        for kind, number in counts[:MAX_STEPS]
     ]
     return (
         [*lines, "further steps: provenance in result.json"] if len(counts) > MAX_STEPS else lines
     )
+
+
+def _without_files(step: str) -> str:
+    """Return a step without the names and checksums of its files, which tell no other step."""
+    return _FILE.sub("", step)
+
+
+def _step_line(step: str, equal: int, alike: int, sources: int) -> str:
+    """Return a step with the number of records that it is of.
+
+    ``equal``: the same step; ``alike``: that of other files, too; ``sources``: of all records.
+    """
+    from vibrident.show.views import count
+
+    if equal < alike:
+        return f"{_CHECKSUM.sub('', step)}, and {alike - equal} more of other files"
+    return step if equal == sources else f"{step} ({count(equal, 'record')})"
 
 
 def _describe_reading(calibration: Calibration) -> NamedTexts:
