@@ -34,6 +34,14 @@ def unwritable(
     error: OSError, where: object, remedy: str = "give another ⟦export.folder⟧, or make room"
 ) -> InputError:
     """Return the error of an output that cannot be written."""
+    if isinstance(error, NotADirectoryError | FileExistsError):
+        return InputError(
+            "The output folder is a file, or lies below one.",
+            expected="a folder, or a name that is free",
+            found="a file",
+            where=str(where),
+            remedy="give another ⟦export.folder⟧",
+        )
     return InputError(
         "The output cannot be written.",
         expected="a folder that can be written, with room for the files",

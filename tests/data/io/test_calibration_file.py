@@ -191,3 +191,13 @@ def test_a_data_file_in_place_of_a_calibration_file_is_told_what_to_write(name, 
 def test_a_calibration_file_may_have_any_ending(tmp_path):
     (tmp_path / "cal.txt").write_text(RECORDS)
     assert read_calibration_file(tmp_path / "cal.txt").records
+
+
+@pytest.mark.parametrize(
+    ("text", "spelling", "meant"),
+    [('"sine"', '"sinus"', "sine"), ('"sine"', '"Sine"', "sine"), ('"velocity"', '"Velocity"', "velocity")],
+)
+def test_a_value_that_is_nearly_right_is_suggested(text, spelling, meant, tmp_path, refused):
+    assert text in RECORDS
+    path = written(tmp_path, RECORDS.replace(text, spelling))
+    refused(lambda: read_calibration_file(path), remedy=f"did you mean {meant!r}?")

@@ -248,7 +248,7 @@ def test_stamps_that_are_rounded_are_even(tmp_path):
     """To a millisecond, twice the interval: nothing is known of the samples' own times."""
     time = np.arange(6000) / RATE
     columns(tmp_path / "x.csv", time=decimals(time, 3), a=motion(time), v=answer(time))
-    with pytest.raises(InputError, match="do not increase"):
+    with pytest.raises(InputError, match="times are rounded"):
         read(calibration(tmp_path, sampling='time_column = "time"'))
     for places in (4, 6):
         columns(tmp_path / "x.csv", time=decimals(time, places), a=motion(time), v=answer(time))
@@ -371,3 +371,13 @@ def test_rounding_repeats_times_at_a_stated_rate(tmp_path):
     assert record.sampling_rate_hz == 10240.0
     with pytest.raises(InputError, match="give rate_hz where they are rounded"):
         read(calibration(tmp_path, sampling='time_column = "t"'))
+
+
+def test_times_that_rounding_repeats_ask_for_the_rate(tmp_path):
+    """In milliseconds 20 samples of 20 kHz have one time: they do not fail to increase."""
+    time = np.arange(4001) / 20e3
+    columns(tmp_path / "x.csv", t=decimals(time, 3), a=decimals(motion(time)), v=decimals(answer(time)))
+    with pytest.raises(InputError, match="The times are rounded") as refusal:
+        read(calibration(tmp_path))
+    assert "rate_hz" in refusal.value.remedy
+    assert "about 20000" in refusal.value.remedy

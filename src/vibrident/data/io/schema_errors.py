@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from vibrident.base.errors import InputError
+from vibrident.base.errors import InputError, did_you_mean
 from vibrident.data.io.keys import Key, keys_of
 
 _Document = TypeVar("_Document", bound=BaseModel)
@@ -46,6 +46,8 @@ def _refusal(finding: ErrorDetails, root: type[BaseModel], file: str, what: str)
     else:
         problem = f"A value in the {what} file cannot be used."
         remedy = "correct the value"
+        if finding["type"] == "literal_error" and isinstance(finding["input"], str):
+            remedy = did_you_mean(finding["input"], expected.split(" | "), remedy)
         value = repr(finding["input"])[:60]
         if keys_above and isinstance(keys_above[-1], str):
             value = f"{keys_above[-1]} = {value}"

@@ -147,7 +147,7 @@ def timeline_from(
         raise _uneven("The times do not increase.", text, locate(row))
     rows = np.concatenate([[0], np.flatnonzero(steps > 0) + 1])
     if rows.size < 2 or rows.size < (1.0 - _MAX_LOST) * elapsed_s.size:
-        raise _uneven("The times do not increase.", "the same time in most rows", locate(1))
+        raise _repeated(elapsed_s, rows, resolution_s, locate)
     if _rounding_repeats(elapsed_s, rows, stated_hz, resolution_s):
         rows = np.arange(elapsed_s.size)
         times_s = elapsed_s
@@ -166,6 +166,26 @@ def timeline_from(
     begin = StartTime(start.ns + round(origin * 1e9), start.epoch)
     clock = Clock(1.0 / interval, spread, begin)
     return Timeline(clock, rows, raster_index, offsets, max(rounding_s, resolution_s), note)
+
+
+def _repeated(
+    elapsed_s: FloatArray, rows: IntArray, resolution_s: float, locate: Locate
+) -> InputError:
+    """Return the error of times most of which are that of the row before.
+
+    Arguments as of :func:`_rounding_repeats`.
+    """
+    last = elapsed_s.size - 1
+    mean_hz = last / float(elapsed_s[-1]) if elapsed_s[-1] > 0 else None
+    if not _rounding_repeats(elapsed_s, rows, mean_hz, resolution_s):
+        return _uneven("The times do not increase.", "the same time in most rows", locate(1))
+    return InputError(
+        "The times are rounded, to the same one in most rows.",
+        expected="a time of its own in each row, or rate_hz",
+        found=f"{rows.size} different times in {elapsed_s.size} rows",
+        where=locate(1),
+        remedy=f"give rate_hz, by these times about {float(f'{mean_hz:.3g}'):g}",
+    )
 
 
 def _rounding_repeats(
