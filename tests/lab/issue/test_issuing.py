@@ -54,6 +54,9 @@ def test_a_draft_is_issued_once_it_is_reviewed_by_another(store, key):
     review_draft(store, number, accepted=False, by="bob", note="The place is wrong.")
     with pytest.raises(InputError, match="returned by bob: The place is wrong"):
         issue_draft(store, number, key)
+    with pytest.raises(InputError, match="returned draft is not reviewed again"):
+        review_draft(store, number, accepted=True, by="bob")
+    number = hand_in(store, certifiable(), NOTHING_MORE, by="alice")
     review_draft(store, number, accepted=True, by="bob")
     known, documents = issue_draft(store, number, key, by="carol")
     assert (known.state, known.author, known.reviewer, known.issuer) == ("issued", "alice", "bob", "carol")

@@ -14,7 +14,7 @@ from vibrident.app.web.state import NamedResult
 from vibrident.app.web.user import User
 from vibrident.base.fields import Fields
 from vibrident.data.io.certificate import CertificateData
-from vibrident.lab.issue.drafts import ISSUED, REVIEWED, same_account
+from vibrident.lab.issue.drafts import DRAFTED, ISSUED, REVIEWED, same_account
 from vibrident.show.views import capitalised
 
 #: Document of a certificate → label of its button.
@@ -99,7 +99,7 @@ class IssueStep:
                 label = translate(english)
                 download = partial(self._download, draft_id, form)
                 frame.add_button(label, download, name=f"{label}, {title}")
-            if not is_issued and self.user.may("approve"):
+            if draft["state"] in {DRAFTED, REVIEWED} and self.user.may("approve"):
                 self._build_approval(draft)
 
     def _build_approval(self, draft: Fields) -> None:

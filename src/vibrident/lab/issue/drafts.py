@@ -136,7 +136,7 @@ def completed(result: Result, number: str, date: datetime.date, approver: str) -
 def review_draft(
     store: Store, draft_id: int, *, accepted: bool, by: str | None = None, note: str = ""
 ) -> None:
-    """Record a review; the newest one counts.
+    """Record a review; the newest one counts, but a draft that was returned stays so.
 
     Args:
         store: that holds the draft.
@@ -146,7 +146,7 @@ def review_draft(
         note: what was found.
 
     Raises:
-        InputError: there is no such draft, it is issued, or its author reviews it.
+        InputError: there is no such draft, it is issued or returned, or its author reviews it.
     """
     row = stamp(by)
     with store.writing() as connection:
@@ -161,6 +161,8 @@ def review_draft(
             )
         if reviewed.number:
             raise _issued_already(store, reviewed)
+        if reviewed.state == RETURNED:
+            raise _returned_already(store, reviewed)
         values = {"draft_id": draft_id, "accepted": accepted, "note": note}
         connection.execute(sa.insert(review).values(values | row))
 
@@ -218,6 +220,16 @@ def stamp(by: str | None) -> dict[str, str]:
 def same_account(a: str, b: str) -> bool:
     """Return whether two names may be of one account; an empty one may be anybody's."""
     return not b.strip() or a.strip().casefold() == b.strip().casefold()
+
+
+def _returned_already(store: Store, returned: Draft) -> InputError:
+    return InputError(
+        "A returned draft is not reviewed again.",
+        expected="a draft that was handed in since",
+        found=f"returned by {returned.reviewer}: {returned.note}".rstrip(": "),
+        where=f"draft {returned.id}, {store.printed}",
+        remedy="correct it and hand it in again: it becomes another draft",
+    )
 
 
 def _issued_already(store: Store, issued: Draft) -> InputError:

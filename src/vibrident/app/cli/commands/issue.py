@@ -55,7 +55,7 @@ issue."""
 @issue.command("review")
 def review(
     number: int = _DRAFT,
-    returned: bool = flag("--return", help="Return it to its author; it is not issued."),
+    returned: bool = flag("--return", help="Return it to its author, who hands in another."),
     note: str = option("--note", "TEXT", "What was found.", ""),
     store: str | None = _STORE,
     by: str | None = _BY,
