@@ -131,6 +131,16 @@ def test_a_correction_needs_a_calibration_and_a_date(tmp_path):
     dated(url, datetime.date(2021, 1, 1))
 
 
+def test_a_calibration_of_another_sensor_is_said_to_be_one(tmp_path):
+    url = str(tmp_path / "h.db")
+    add(url, [calibrated(), replace(calibrated(0.11, "2022-01-01"), sensor={"serial_number": "4712"})])
+    with Store(url) as store:
+        sensor = query.find(store, "4711")
+        with pytest.raises(InputError, match="is one of another sensor") as refusal:
+            entry.add_event(store, sensor, "recalled", calibration_id=2)
+    assert "4712" in refusal.value.found
+
+
 def test_a_result_is_the_same_without_excerpts_and_where_an_earlier_version_stored_it(tmp_path):
     url, result = str(tmp_path / "h.db"), table2()
     with Store(url) as store:

@@ -242,11 +242,7 @@ def add_event(
         )
     with store.writing() as connection:
         if calibration_id is not None:
-            query_of_calibration = sa.select(calibration.c.id).where(
-                calibration.c.id == calibration_id, calibration.c.sensor_id == sensor.id
-            )
-            if connection.execute(query_of_calibration).scalar_one_or_none() is None:
-                raise query.no_calibration(store, calibration_id)
+            query.require_calibration_of(connection, store, calibration_id, sensor)
         values = {
             "sensor_id": sensor.id,
             "calibration_id": calibration_id,

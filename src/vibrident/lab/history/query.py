@@ -331,6 +331,36 @@ def no_calibration(store: Store, calibration_id: int) -> InputError:
     )
 
 
+def require_calibration_of(
+    connection: sa.Connection, store: Store, calibration_id: int, owner: StoredSensor
+) -> None:
+    """Refuse a calibration that is not one of the sensor, or of none.
+
+    Raises:
+        InputError: names the sensor that it is of.
+    """
+    query = (
+        sa.select(sensor)
+        .join(calibration, calibration.c.sensor_id == sensor.c.id)
+        .where(calibration.c.id == calibration_id)
+    )
+    row = connection.execute(query).one_or_none()
+    if row is None:
+        raise no_calibration(store, calibration_id)
+    calibrated = StoredSensor(*row)
+    if calibrated.id != owner.id:
+        raise InputError(
+            f"Calibration {calibration_id} is one of another sensor.",
+            expected=f"a calibration of {owner.name}",
+            found=f"one of {calibrated.name}",
+            where=store.printed,
+            remedy=(
+                f"give the serial number {calibrated.serial_number}, or another calibration: "
+                "⟦command = history show SERIAL⟧ lists the numbers"
+            ),
+        )
+
+
 def rows(store: Store) -> Iterator[Fields]:
     """Yield a row a calibration for export.
 

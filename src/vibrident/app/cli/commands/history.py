@@ -93,12 +93,12 @@ def add(
     store: str | None = _STORE,
     serial: str | None = option("--serial", "SERIAL", "For results without one."),
     date: str | None = option(
-        "--date", "DATE", "Of the calibration; corrects that of a stored one."
+        "--date", "DATE", "Of the calibration, where the result states none."
     ),
     certificate: list[Path] | None = CERTIFICATE_FILES,
 ) -> None:
     """Add results. An existing result stays unchanged; where it states no date, another --date \
-corrects that by an event."""
+corrects that by an event. A stated date is corrected by `event --kind redated`."""
     day = read_date(date, "--date")
     from vibrident.lab.history.entry import add_all, rows_of
     from vibrident.show.issue import issued
