@@ -203,11 +203,13 @@ _KINDS: tuple[WarningKind, ...] = (
     ),
     WarningKind(
         "clock_suspect",
-        "the sampling rate looks wrong",
+        "the sampling rate looks wrong, or time was lost",
         "The sampling rate in use contradicts the stated frequencies of tones, or another "
-        "channel's length. All frequencies, the natural frequency among them, are wrong in the "
-        "same ratio.",
-        "Check rate_hz; correct frequency_hz where it is the one that is wrong.",
+        "channel's length: all frequencies, the natural frequency among them, are wrong in the "
+        "same ratio. Or a record breaks off and goes on elsewhere, as where a recorder lost time: "
+        "samples without that are used.",
+        "Check rate_hz; correct frequency_hz where it is the one that is wrong. Where time was "
+        "lost, look for a recorder that drops blocks, and record again.",
     ),
 )
 
