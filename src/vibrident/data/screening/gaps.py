@@ -3,7 +3,8 @@
 Measured values are seldom equal to their neighbours. Where they are noise in fine steps, a few
 equal in a row are beyond chance. Where they are often equal (coarse steps, a slow turn, a
 staircase), a free signal that stays for long moves slowly there, and leaves by a step like the
-others; a held one leaves by a jump.
+others; a held one leaves by a jump. At an end of the record a free signal may rest, but not where
+the motion goes on.
 """
 
 from __future__ import annotations
@@ -32,7 +33,10 @@ MAX_STAY_SHARE = 0.25
 
 
 def find_lost_samples(
-    channel: ChannelSamples, other_channel: ChannelSamples | None = None
+    channel: ChannelSamples,
+    other_channel: ChannelSamples | None = None,
+    *,
+    motion_goes_on: bool = False,
 ) -> BoolArray:
     """Return the samples that a recorder lost, shape (samples,).
 
@@ -41,6 +45,7 @@ def find_lost_samples(
     Args:
         channel: that is looked at.
         other_channel: of the same record; None: no other.
+        motion_goes_on: the motion neither begins nor ends within the record.
     """
     values = channel.values
     valid = channel.valid
@@ -56,13 +61,9 @@ def find_lost_samples(
     if not long_enough.any():
         return flags
     rest_levels = _levels_of_rest(values, begins, ends)
-    candidate = (
-        long_enough
-        & (lengths <= MAX_STAY_SHARE * values.size)
-        & (begins > 0)
-        & (ends < values.size - 1)
-    )
-    candidate &= ~np.isin(values[begins], rest_levels)
+    is_inside = (begins > 0) & (ends < values.size - 1)
+    candidate = long_enough & (lengths <= MAX_STAY_SHARE * values.size)
+    candidate &= np.where(is_inside, ~np.isin(values[begins], rest_levels), motion_goes_on)
     # The share of values that return at once: most of a held signal's, whatever its neighbours do.
     returning = (begins.size - 1.0) / (values.size - np.count_nonzero(equal))
     jumps = candidate & _bounded_by_jump(values, begins, ends)
@@ -74,7 +75,7 @@ def find_lost_samples(
         chance = _chance_of_equal(values, *run, step)
         surprises = _surprises(other_channel, *run, other_step)
         unlikely = values.size * chance**surprises < MAX_FALSE_FINDINGS
-        rare[index] = unlikely and not _rests_beside(values, *run, step)
+        rare[index] = unlikely and not (is_inside[index] and _rests_beside(values, *run, step))
     candidate = jumps | rare
     for first, last in zip(begins[candidate], ends[candidate], strict=True):
         flags[first : last + 1] = True
@@ -96,16 +97,30 @@ def _chance_of_equal(values: FloatArray, first: int, last: int, step: float) -> 
     return min(1.0, step / usual) if usual > 0.0 else 1.0
 
 
+def _sets_off(values: FloatArray, first: int, last: int) -> bool:
+    """Return whether a channel leaves a run at an end of the record as slowly as from rest."""
+    outside = values[last + 1 : last + 3] if first == 0 else values[first - 2 : first]
+    usual = float(np.quantile(np.abs(np.diff(values)), USUAL_CHANGE_QUANTILE))
+    return float(np.max(np.abs(outside - values[first]))) <= usual
+
+
 def _surprises(
     other_channel: ChannelSamples | None, first: int, last: int, other_step: float
 ) -> int:
     """Return the count of samples in a run that equal the one before, though motion goes on.
 
-    Before the other channel begins to move, and after it has come to rest, they are no surprise.
+    Before the other channel begins to move, and after it has come to rest, they are no surprise,
+    unless it jumps at that end of the record, too.
     """
-    if other_channel is None or not _rests_beside(other_channel.values, first, last, other_step):
+    if other_channel is None:
         return last - first
-    changes = np.abs(np.diff(other_channel.values[first : last + 1]))
+    values = other_channel.values
+    is_at_end = first == 0 or last == values.size - 1
+    if not _rests_beside(values, first, last, other_step) or (
+        is_at_end and not _sets_off(values, first, last)
+    ):
+        return last - first
+    changes = np.abs(np.diff(values[first : last + 1]))
     return int(np.count_nonzero(changes > RELATIVE_EQUALITY * other_channel.span))
 
 

@@ -259,7 +259,11 @@ class _RecordScreening:
     def _mask_lost_samples(self, label: str) -> None:
         samples = self._channel_samples()
         other_channels = (channel for name, channel in samples.items() if name != label)
-        is_lost = find_lost_samples(samples[label], next(other_channels, None))
+        is_lost = find_lost_samples(
+            samples[label],
+            next(other_channels, None),
+            motion_goes_on=self.record.excitation in STATIONARY_EXCITATIONS,
+        )
         if is_lost.any():
             begins, _ = runs_of_true(is_lost)
             first_s = float(np.argmax(is_lost)) / self.record.sampling_rate_hz
