@@ -80,7 +80,7 @@ def test_correct_passes_the_results_doubts_on(run, identified, shock, tmp_path):
     [
         (("--band", "0:90000"), "half the sampling rate"),
         (("--band", "wide"), "two frequencies"),
-        (("--noise", "-1"), "0 or above"),
+        (("--noise", "-1"), "a number from 0"),
     ],
 )
 def test_correct_refuses(options, says, run, identified, shock, tmp_path):

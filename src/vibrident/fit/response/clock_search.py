@@ -39,6 +39,9 @@ ITERATIONS = 3  # of the linearised fit
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)  # of an interval, the longer part
 PRECISION = 1e-3  # of the valley's width; the test of departures from the fit gives the last digits
 MIN_GAIN = 4.0  # by which the unexplained part must fall; leakage of short records makes 3
+#: Standard deviations of a shock's power in time on either side that the search sees: Hann's window
+#: is at half its height at those that hold most.
+REACH_OF_SHOCK = 4.0
 FIRST_SAMPLES = 1 << 11  # in which the search begins
 LAST_SAMPLES = 1 << 17  # beyond which the valley is so narrow that the fit itself follows
 FINER = 8  # points of the interpolation between two samples; the search needs no better one
@@ -46,11 +49,21 @@ FINER = 8  # points of the interpolation between two samples; the search needs n
 
 @dataclass(frozen=True, eq=False)
 class _Channels:
-    """Both channels of a record about their means, shape (samples,)."""
+    """Both channels of a record about their means.
+
+    Attributes:
+        reference: where it moves, shape (samples,).
+        response: from the begin of the record, shape (first + samples or more,).
+        rate_hz: of both.
+        first: first sample of the reference in the record.
+        duration: of the motion, in samples.
+    """
 
     reference: FloatArray
     response: FloatArray
     rate_hz: float
+    first: int
+    duration: float
 
     @classmethod
     def from_record(cls, record: Record) -> _Channels:
@@ -59,12 +72,23 @@ class _Channels:
         n = min(record.samples, LAST_SAMPLES)
         response = about_mean(record.response, record.mask)[:n]
         reference = about_mean(record.reference, record.reference_mask)[:n]
-        return cls(reference, response, record.sampling_rate_hz)
+        first, last, duration = 0, n, float(n)
+        if record.excitation == "shock":
+            extents = [_extent(values) for values in (reference, response)]
+            middles, spreads = np.transpose(extents)
+            first = max(int(np.min(middles - REACH_OF_SHOCK * spreads)), 0)
+            last = min(int(np.max(middles + REACH_OF_SHOCK * spreads)) + 1, n)
+            duration = min(float(np.max(spreads)) * np.sqrt(12.0), duration)
+        return cls(reference[first:last], response, record.sampling_rate_hz, first, duration)
 
     @property
     def samples(self) -> int:
-        """Return the number of samples."""
+        """Return the number of samples of the reference."""
         return len(self.reference)
+
+    def duration_in(self, samples: int) -> float:
+        """Return the duration, in samples, of the motion in the first samples."""
+        return min(float(samples), self.duration)
 
     def moves_in(self, samples: int) -> bool:
         """Return whether the first samples hold a quarter of the motion's mean power, windowed."""
@@ -75,19 +99,21 @@ class _Channels:
     @functools.cached_property
     def finer(self) -> FloatArray:
         """Return the response at FINER points a sample."""
-        bins = np.zeros(self.samples * FINER // 2 + 1, dtype=complex)
-        bins[: self.samples // 2 + 1] = fft.rfft(self.response)
-        return fft.irfft(bins, self.samples * FINER) * FINER
+        n = self.response.size
+        bins = np.zeros(n * FINER // 2 + 1, dtype=complex)
+        bins[: n // 2 + 1] = fft.rfft(self.response)
+        return fft.irfft(bins, n * FINER) * FINER
 
     def at(self, offset: float, samples: int, delay_s: float = 0.0) -> FloatArray:
         """Return the response a delay after the first instants of the reference, shape (samples,).
 
         Before its first and after its last sample it is constant.
         """
+        instants = np.arange(self.first, self.first + samples)
         if offset == delay_s == 0.0:
-            return self.response[:samples]
-        places = (np.arange(samples) + delay_s * self.rate_hz) * (FINER / (1.0 + offset))
-        np.clip(places, 0.0, (self.samples - 1) * FINER, out=places)
+            return self.response[instants]
+        places = (instants + delay_s * self.rate_hz) * (FINER / (1.0 + offset))
+        np.clip(places, 0.0, (self.response.size - 1) * FINER, out=places)
         before = np.minimum(places.astype(int), len(self.finer) - 2)
         value = self.finer[before]
         return value + (places - before) * (self.finer[before + 1] - value)
@@ -96,7 +122,7 @@ class _Channels:
         """Return the reference in a band that holds all of the motion, cached by length."""
         if samples not in self._motions:
             n = min(samples, self.samples)
-            reference, response = (fft.rfft(x[:n]) for x in (self.reference, self.response))
+            reference, response = (fft.rfft(x) for x in (self.reference[:n], self.at(0.0, n)))
             highest = min(int(USABLE_BAND * n), n // 2 - WINDOW_REACH)
             usable = np.arange(WINDOW_REACH + 1, highest + 1)
             # That of both channels: a displacement is small where an acceleration is large.
@@ -140,7 +166,7 @@ class _Channels:
         sine = np.sin(np.arange(n) * (2.0 * np.pi / n))
         difference = 1j * fft.rfft(self.reference[:n] * sine)[bins]
         reference, response = (
-            fft.rfft(channel[:n] * hann(n))[bins] for channel in (self.reference, self.response)
+            fft.rfft(channel * hann(n))[bins] for channel in (self.reference[:n], self.at(0.0, n))
         )
         phases = Phases.between((reference, difference), response, motion.hz, self.rate_hz / n)
         return agreed_delay(phases, n / self.rate_hz, float(motion.hz[-1]))
@@ -175,6 +201,15 @@ class _BandResponse(NamedTuple):
 
     response: ComplexArray
     total: float
+
+
+def _extent(values: FloatArray) -> tuple[float, float]:
+    """Return the middle of a channel's power in time, and its standard deviation, in samples."""
+    power = values**2
+    times = np.arange(values.size)
+    total = float(np.sum(power)) or 1.0
+    middle = float(power @ times) / total
+    return middle, float(np.sqrt(power @ (times - middle) ** 2 / total))
 
 
 def _delay_samples(motion: _Motion, response: ComplexArray) -> int:
@@ -283,7 +318,7 @@ class ClockSearch:
     def valley(self, samples: int) -> float:
         """Return the width of the valley: one over the periods of the fastest motion in samples."""
         return 1.0 / max(
-            channels.motion(samples).hz[-1] * min(samples, channels.samples) / channels.rate_hz
+            channels.motion(samples).hz[-1] * channels.duration_in(samples) / channels.rate_hz
             for channels in self.driven
         )
 
