@@ -169,7 +169,8 @@ def named() -> list[Figure]:
 def _session(motion: Motion) -> TrackingSession:
     tracker = motion.tracker()
     count = tracker.network.parameters
-    no_effects = CarriedEffects((), np.zeros((0, count)), np.eye(count), np.zeros(count))
+    none = np.zeros((0, count))
+    no_effects = CarriedEffects((), none, np.eye(count), np.zeros(count), (), none)
     cause = Cause(None, "", motion.values)
     return TrackingSession(tracker, 1024, {}, cause, no_effects)
 

@@ -22,7 +22,6 @@ from vibrident.base.fft_lengths import fast_below
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.data.records.basis import runs_of_true
 from vibrident.fit.response.response import ComplexArray
-from vibrident.fit.response.rest import offset_of_reference
 from vibrident.fit.response.transform import MAX_CACHED_SAMPLES
 from vibrident.physics.discretisation.inputs import StepFilters, StepInputs, filtered
 from vibrident.physics.models import SensorModel
@@ -60,8 +59,7 @@ def driven_by(
     record: Record,
     model: SensorModel,
     factor_values: Mapping[str, float],
-    *,
-    centred: bool = True,
+    offset: float | None = None,
 ) -> Drive:
     """Return the reference that drives the network of a record.
 
@@ -69,9 +67,9 @@ def driven_by(
         record: the record.
         model: the sensor model.
         factor_values: parameters of its factors that are not rational, by name.
-        centred: whether the reference is taken about its mean.
+        offset: of the reference, in its unit; None: its mean.
     """
-    reference, valid = network_reference(record, centred=centred)
+    reference, valid = network_reference(record, offset)
     if not factor_values or record.reference is None:
         return Drive((reference,) * (1 + len(factor_values)), valid)
     rate_hz = record.sampling_rate_hz
@@ -240,8 +238,8 @@ def hum_of(record: Record, samples: int) -> tuple[float, ...]:
     return tuple(hz * samples / record.sampling_rate_hz for hz in record.hum_hz)
 
 
-def network_reference(record: Record, *, centred: bool) -> tuple[FloatArray, BoolArray]:
-    """Return the reference as the network takes it, and where it is valid.
+def network_reference(record: Record, offset: float | None) -> tuple[FloatArray, BoolArray]:
+    """Return the reference without its offset, or mean, and where it is valid.
 
     It is zero for a free decay and where it is not valid.
     """
@@ -250,8 +248,7 @@ def network_reference(record: Record, *, centred: bool) -> tuple[FloatArray, Boo
     used = record.reference_mask
     if not used.any():
         return np.zeros(record.samples), used
-    # A nonlinear spring is taken from rest, where it is in its middle.
-    offset = record.reference[used].mean() if centred else offset_of_reference(record)
+    offset = record.reference[used].mean() if offset is None else offset
     return np.where(used, record.reference - offset, 0.0), used
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -48,6 +48,8 @@ class Frame:
         top_hz: highest frequency of the motion, for which inputs are accurate; infinite where it
             is not known, tones may have harmonics above it, or no accuracy depends on it; zero of
             a look at what moves.
+        reference_offsets: of the records, in the reference's unit, which a nonlinear spring feels;
+            None: those of :func:`vibrident.fit.response.rest.offset_of_reference`.
     """
 
     model: SensorModel
@@ -59,6 +61,7 @@ class Frame:
     fastest: float
     factor_values: Mapping[str, float]
     top_hz: float = np.inf
+    reference_offsets: tuple[float, ...] | None = None
 
     @classmethod
     def of(
@@ -175,10 +178,9 @@ class NetworkProblem(ABC):
         """
         if not self.is_far(values, MAX_DELAY_CHANGE_SAMPLES):
             return self
-        frame = self.frame
-        return self.build(
-            self.records, frame.model, frame.method, frame.quantity, values, frame.top_hz
-        )
+        now = self.frame
+        frame = Frame.of(self.records, now.model, now.method, now.quantity, values, now.top_hz)
+        return self.of_frame(self.records, replace(frame, reference_offsets=now.reference_offsets))
 
     def is_far(self, values: Mapping[str, float], samples: float) -> bool:
         """Return whether the inputs are at another delay by so many samples, or other factors."""

@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from vibrident.fit.bins import RecordBins, driven_by, usable_steps
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.problem.cutting import Piece, bucket, cut
 from vibrident.fit.problem.network_problem import Frame, NetworkProblem
+from vibrident.fit.response.rest import offset_of_reference
 from vibrident.fit.response.transform import line_counts
 from vibrident.physics.discretisation import Method, Weights
 from vibrident.physics.discretisation.forced import ForcedWeights, accuracy, forced_weights
@@ -89,11 +90,12 @@ class TimeProblem(NetworkProblem):
         model = frame.model
         method = frame.method
         intervals, rate = np.unique([r.sampling_interval_s for r in records], return_inverse=True)
-        # A nonlinear spring depends on its rest position: its reference loses the offset, not the
-        # mean of a motion that ends within a period.
+        offsets: Sequence[float | None] = [None] * len(records)
+        if not model.is_linear:  # its spring depends on the rest position
+            offsets = frame.reference_offsets or [offset_of_reference(r) for r in records]
         drives = [
-            driven_by(record, model, frame.factor_values, centred=model.is_linear)
-            for record in records
+            driven_by(record, model, frame.factor_values, offset)
+            for record, offset in zip(records, offsets, strict=True)
         ]
         delays = [frame.delay_s * record.sampling_rate_hz for record in records]
         steps = [
@@ -114,6 +116,11 @@ class TimeProblem(NetworkProblem):
             model, method, frame.quantity, frame.terms, frame.order, segments, nodes, rounds
         )
         return cls(records, frame, layout, lanes, intervals, fractions, tuple(pieces))
+
+    def at_reference_offsets(self, offsets: Sequence[float]) -> Self:
+        """Return the problem with other offsets of the references, in the reference's unit."""
+        frame = replace(self.frame, reference_offsets=tuple(map(float, offsets)))
+        return self.of_frame(self.records, frame)
 
     @functools.cached_property
     def record_of_segment(self) -> np.ndarray:

@@ -207,6 +207,7 @@ def _optimiser_named(name: str, settings: dict[str, Any]) -> Optimiser:
 def trained_in_time(network: Ipnn, evidence: Evidence, progress: Progress) -> Estimate:
     """Return the estimate of a network run in time, with equal weights in each record."""
     from vibrident.fit.problem.network_problem import require_rational
+    from vibrident.fit.problem.reference_offsets import with_fitted_offsets
     from vibrident.fit.problem.time_domain import TimeProblem
     from vibrident.fit.start.harmonic_start import with_harmonic_start
 
@@ -234,9 +235,11 @@ def trained_in_time(network: Ipnn, evidence: Evidence, progress: Progress) -> Es
         args = coordinates, problem, noise
         trace = network.trainer.train(z, args, MIN_DECREASE, progress)
         z = trace.last
-        delayed_problem = problem.at_delay_of(coordinates.values(z))
-        settled = delayed_problem is problem  # else another round, with inputs at the new delay
-        problem = delayed_problem
+        moved_problem = problem.at_delay_of(coordinates.values(z))
+        if not evidence.model.is_linear:
+            moved_problem = with_fitted_offsets(moved_problem, z, coordinates, noise)
+        settled = moved_problem is problem  # else another round, with other inputs
+        problem = moved_problem
     assert trace is not None
     trained = TrainedNetwork(
         network.discretisation,
