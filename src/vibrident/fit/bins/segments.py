@@ -248,8 +248,8 @@ def network_reference(record: Record, offset: float | None) -> tuple[FloatArray,
     used = record.reference_mask
     if not used.any():
         return np.zeros(record.samples), used
-    offset = record.reference[used].mean() if offset is None else offset
-    return np.where(used, record.reference - offset, 0.0), used
+    middle = float(record.reference[used].mean()) if offset is None else offset
+    return np.where(used, record.reference - middle, 0.0), used
 
 
 def usable_steps(step: _Step, record: Record) -> _Step:

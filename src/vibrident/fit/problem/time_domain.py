@@ -14,7 +14,7 @@ import functools
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -117,9 +117,9 @@ class TimeProblem(NetworkProblem):
         )
         return cls(records, frame, layout, lanes, intervals, fractions, tuple(pieces))
 
-    def at_reference_offsets(self, offsets: Sequence[float]) -> Self:
-        """Return the problem with other offsets of the references, in the reference's unit."""
-        frame = replace(self.frame, reference_offsets=tuple(map(float, offsets)))
+    def at_reference_offsets(self, offsets: FloatArray) -> TimeProblem:
+        """Return the problem with offsets of the references, in their unit, shape (records,)."""
+        frame = replace(self.frame, reference_offsets=tuple(offsets.tolist()))
         return self.of_frame(self.records, frame)
 
     @functools.cached_property
