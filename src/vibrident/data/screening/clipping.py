@@ -57,6 +57,8 @@ REST_SHARE_IN_ALL = 0.45
 REST_WINDOW_SAMPLES = 9
 #: Share of the samples at two levels above which the signal is a square wave.
 SQUARE_WAVE_SHARE = 0.9
+#: Treads of one signal are alike in length within this ratio.
+MAX_TREAD_RATIO = 4.0
 #: Longest visits that are doubted in a signal which neighbouring samples predict well.
 MAX_SHORT_VISIT_SAMPLES = 6.0
 #: Neighbours on either side that predict a sample.
@@ -109,9 +111,28 @@ def find_clipped(
     if not clipped:
         return unclipped
     flags = np.any(clipped, axis=0)
-    if np.sum(flags) > SQUARE_WAVE_SHARE * np.sum(valid):
+    if np.sum(flags) > SQUARE_WAVE_SHARE * np.sum(valid) or _has_treads_between(channel, flags):
         return unclipped
     return extend_flags(flags, 1), [float(np.median(values[at_rail])) for at_rail in clipped]
+
+
+def _has_treads_between(channel: ChannelSamples, at_rails: BoolArray) -> bool:
+    """Return whether a signal rests between its rails as it does at them: it was commanded so.
+
+    Ramps between the levels, as of an amplifier behind a generator, hide that they are stairs. The
+    rest between the bursts of a clipped tone lasts far longer than its stay at a rail.
+    """
+    equal = np.diff(channel.values) == 0.0
+    equal &= channel.valid[1:] & channel.valid[:-1]
+    begins, ends = runs_of_true(equal)
+    lengths = ends - begins + 1
+    is_between = (lengths >= LONG_VISIT_SAMPLES) & ~at_rails[begins]
+    levels, counts = np.unique(channel.values[begins[is_between]], return_counts=True)
+    if not counts.size or np.max(counts) < MIN_VISITS:
+        return False
+    is_at_level = is_between & (channel.values[begins] == levels[np.argmax(counts)])
+    ratio = float(np.median(lengths[is_at_level]) / np.median(_run_lengths(at_rails)))
+    return 1.0 / MAX_TREAD_RATIO < ratio < MAX_TREAD_RATIO
 
 
 def _at_full_scale(values: FloatArray, full_scale: float, step: float) -> BoolArray:
