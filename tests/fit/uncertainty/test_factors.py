@@ -240,6 +240,17 @@ def test_of_a_sine_only_bins_with_motion_are_looked_at(rng):
     assert shares_of([parts]).explained > 0.99
 
 
+def test_what_any_sensor_could_explain_does_not_depend_on_nuisances(rng):
+    """Those of an oscillator that never stops were ten times the response: none of it looked coherent."""
+    [record, *_], [predicted, *_] = noisy("random", 0.01, rng)
+    bins = weighed(record, predicted)
+    ringing = 30.0 * np.abs(bins.predicted).max() / (1.0 + np.abs(np.arange(bins.predicted.size) - 90.3))
+    away = replace(bins, predicted=bins.predicted + ringing, residual=bins.residual + ringing)
+    band = slice(1, 400)
+    right, wrong = (shares_of([powers(b, record.reference, record.response, 0.0, band)]) for b in (bins, away))
+    assert wrong.coherent == pytest.approx(right.coherent, abs=0.02)
+
+
 def test_bins_that_do_not_count_have_no_say(rng):
     """Nuisances are of any size there: behind eight bits no band of a sweep showed enough motion beside them."""
     bins = weighed(*records(rng))

@@ -136,8 +136,8 @@ def powers(
     the reference: elsewhere nothing tells what the model explains. The part of the prediction that
     this noise makes counts as unexplained once, not twice: behind a displacement of eight bits it
     exceeds the response. A drift or hum among the nuisances is no response. But no more is
-    explained than was measured, that noise apart: nuisances may cancel a wrong prediction of any
-    size.
+    explained than was measured, that noise apart, and no more of it is incoherent: nuisances may
+    cancel a wrong prediction of any size.
 
     Args:
         bins: of the record.
@@ -155,6 +155,9 @@ def powers(
     excited = bins.spectrum.excited > 0.5
     counted = excited if where_excited and excited.any() else np.ones_like(excited)
     response = _without_drift((bins.residual + bins.predicted) * counted, samples)
+    measured_lines = _without_drift(fft.rfft(measured, samples)[:lines], samples)
+    if np.sum(power_of(response[band])) > np.sum(power_of(measured_lines[band])):
+        response = measured_lines * counted
     deviation = np.sqrt(bins.spectrum.psd)
     incoherent_lines, freedom = without_common(response[None], [motion[None]], deviation[None])
     begins = block_edges(lines)[:-1]
@@ -166,8 +169,7 @@ def powers(
     expected = power_of(bins.predicted)
     noise_share = noise_in_prediction(expected[None], (bins.passed_noise * bins.count)[None])[0]
     unexplained = power_of(bins.residual + noise_share * bins.predicted)
-    measured_power = power_of(_without_drift(fft.rfft(measured, samples)[:lines], samples))
-    measured_power += noise_share * expected
+    measured_power = power_of(measured_lines) + noise_share * expected
     known = counted * (1.0 - noise_share)
     incoherent *= known
     bin_powers = (
