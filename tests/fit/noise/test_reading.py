@@ -268,3 +268,19 @@ def test_noiseless_records_get_their_floor() -> None:
     np.testing.assert_allclose(noise.psd, 1e-12)
     assert np.all(np.isfinite(noise.doubt))
     assert np.all(noise.input_noise == 0.0)
+
+
+def test_noise_is_no_less_in_fewer_bins_than_numbers_were_fitted() -> None:
+    """Noise behind a displacement rises by f⁴: a fit followed the lowest two bins, read as noiseless."""
+    rng = np.random.default_rng(16)
+    steep = PLACE**4 / BINS**4
+    drawn = rng.standard_normal((2, 3, BINS))
+    residual = np.sqrt(0.5 * SAMPLES * steep) * (drawn[0] + 1j * drawn[1])
+    motion = np.exp(2j * np.pi * rng.random((3, BINS))) * np.sqrt(SAMPLES)
+    known = np.full(3, float(SAMPLES)), np.zeros(3), steep[None], motion
+    fitted = np.array([0.0, 6.0, 12.0])
+    psd = read_noise(Residuals(residual, 10.0 * motion, *known, fitted=fitted), BINS - 1).psd
+    for row, count in enumerate(fitted.astype(int)):
+        rising = np.sort(psd[row, 1:])
+        assert np.count_nonzero(rising == rising[0]) == count + 1
+        assert rising[0] == pytest.approx(steep[count + 1], rel=1.0)

@@ -179,7 +179,11 @@ class GroupAt:
         residual = (residual - combined(amounts, columns))[:, 0]
         states = combined(amounts[:, :, : rows.order], columns[:, : rows.order])[:, 0]
         total = rows.amounts + amounts[:, 0]
-        return FittedInAllBins(residual, rows.predicted + states, 1.0 - nuisances.leverage(), total)
+        predicted = rows.predicted + states
+        if self.group.edges:  # what leaks of the reference is cancelled there, too
+            at_edges = rows.nuisances.columns[:, -rows.order :]
+            predicted = predicted + combined(total[:, None, -rows.order :], at_edges)[:, 0]
+        return FittedInAllBins(residual, predicted, 1.0 - nuisances.leverage(), total)
 
 
 def fitted_numbers(places: Sequence[GroupAt]) -> list[FloatArray]:

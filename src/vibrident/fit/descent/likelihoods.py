@@ -9,15 +9,25 @@ import numpy as np
 
 from vibrident.data.records import FloatArray
 from vibrident.fit.descent.in_noise import GroupAt
+from vibrident.fit.noise.averages import MIN_POWER, averaged_bins, mean_around
 from vibrident.fit.response.transform import power_of
 
 
 def minus_two_log_likelihood(groups: Sequence[GroupAt]) -> float:
-    """Return Σ |R|²/S + log S over the bins of the band (Whittle)."""
-    return sum(
-        float(np.sum(place.group.grid.counts * place.group.grid.samples * _terms(place)))
-        for place in groups
-    )
+    """Return Σ |R|²/S + log S/P over the bins with motion (Whittle), P the power of the response.
+
+    Where the reference shows noise alone the data say nothing of the sensor: the one that passes
+    least of that noise would be the likeliest.
+    """
+    total = 0.0
+    for place in groups:
+        counts = place.weight * place.psd * place.group.grid.samples
+        power = power_of(place.group.response) / place.group.count[:, None]
+        level = mean_around(power, averaged_bins(power.shape[1]), 0)
+        total += float(
+            np.sum(counts * (_terms(place) - 1.0 - np.log(np.maximum(level, MIN_POWER))))
+        )
+    return total
 
 
 def mean_minus_two_log_likelihood(groups: Sequence[GroupAt]) -> float:

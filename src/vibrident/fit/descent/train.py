@@ -201,6 +201,8 @@ def _observations(
                 delayed = Band(problem_at(values, 0.0), np.inf)
                 looks[delay_s] = values, delayed, estimate_motion_and_noise(delayed)
     largest = max(observed.count for _, _, observed in looks.values())
+    frame = look.problem.frame
+    unknowns = len(model.parameters) + frame.order * len(look.problem.segments)
 
     def is_hardly_heard(delay_s: float) -> bool:
         return looks[delay_s][2].count < MIN_HEARD_FRACTION * largest
@@ -209,7 +211,7 @@ def _observations(
         if well_heard and is_hardly_heard(delay_s):
             break
         values, look, observed = looks[delay_s]
-        if not largest:
+        if 2.0 * largest <= unknowns:  # of two numbers a bin
             observed = observed.heard_everywhere(look)
         top_hz = observed.band_hz[1]
         if np.isinf(look.problem.frame.top_hz):

@@ -10,10 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy import fft
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.noise.projection import (
@@ -81,10 +83,14 @@ class SmoothColumns:
         """Return the bins of a block."""
         return int(self.columns.motions[0].shape[1])
 
-    def in_blocks(self, rows: ComplexArray) -> ComplexArray:
+    def in_blocks(self, rows: NDArray[Any]) -> NDArray[Any]:
         """Return rows (R, K) in blocks, shape (R B, w)."""
         blocks = len(self.columns.motions[0]) // self.records
         return rows[:, 1 : 1 + blocks * self.width].reshape(-1, self.width)
+
+    def mean_of_blocks(self, bins: FloatArray) -> FloatArray:
+        """Return the mean of values at the bins (K,) in each block, shape (B,)."""
+        return np.mean(self.in_blocks(bins[None]), axis=1)
 
     def by_record(self, of_blocks: FloatArray) -> FloatArray:
         """Return numbers of blocks (R B,) by record, shape (R, B)."""

@@ -160,6 +160,8 @@ def _read(rows: Residuals, last: int, colour: FloatArray | float) -> GroupNoise:
     excess = tone_excess(*beside_tones) if has_tones else None
     np.multiply(shape, relative, out=psd, where=hum)
     np.maximum(psd, rows.floor[:, None], out=psd)
+    if rows.fitted is not None:
+        np.maximum(psd, _least_in_enough_bins(psd[:, 1 : last + 1], rows.fitted), out=psd)
     excited = np.ones(psd.shape)
     if rows.through is not None:
         # Excess of the prediction over that due to noise of the reference.
@@ -180,3 +182,12 @@ def _read(rows: Residuals, last: int, colour: FloatArray | float) -> GroupNoise:
         input_noise.free,
         excess,
     )
+
+
+def _least_in_enough_bins(psd: FloatArray, fitted: FloatArray) -> FloatArray:
+    """Return the noise of the quietest bins, as many as numbers were fitted, shape (R, 1).
+
+    Noise that is less in fewer bins shows nowhere: the fit follows these, whatever their noise.
+    """
+    places = np.minimum(fitted.astype(int), psd.shape[1] - 1)
+    return np.take_along_axis(np.sort(psd, axis=1), places[:, None], axis=1)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy import fft
 from numpy.typing import NDArray
 
-from vibrident.data.records import BoolArray, FloatArray
+from vibrident.data.records import BoolArray, FloatArray, Quantity
 from vibrident.fit.group.group import Group
 from vibrident.fit.noise.averages import windowed
 from vibrident.fit.noise.local import SmoothColumns
@@ -19,6 +19,7 @@ from vibrident.fit.noise.tones import MAX_TONE_DISTANCE
 from vibrident.fit.problem.band import Band
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
+from vibrident.physics.models.base import DERIVATIVES
 
 #: A bin shows motion where the power of the response is so many times the noise.
 MIN_MOTION_RATIO = 10.0
@@ -148,8 +149,10 @@ def estimate_motion_and_noise(band: Band) -> MotionAndNoise:
     shown: list[FloatArray] = []
     all_bins: list[FloatArray] = []
     filled: dict[int, ComplexArray] = {}
+    frame = band.problem.frame
+    order = derivatives_to(frame.model.stated_quantity(frame.quantity), frame.quantity)
     for group in band.groups:
-        measured = _measured(group)
+        measured = _measured(group, order)
         power = power_of(measured.response)
         heard = power > MIN_MOTION_RATIO * measured.level.total
         if group.grid.driven:  # leakage from other bins is no motion
@@ -187,6 +190,11 @@ def estimate_motion_and_noise(band: Band) -> MotionAndNoise:
     return MotionAndNoise(
         levels, heard_bins, (float(np.min(span)), float(np.max(span))), filled=filled
     )
+
+
+def derivatives_to(sensed: Quantity, reference: Quantity) -> int:
+    """Return how often a reference is derived to what a sensor responds to; never integrated."""
+    return max(DERIVATIVES[reference] - DERIVATIVES[sensed], 0)
 
 
 def _near_tones(band: Band, group: Group) -> BoolArray:
@@ -244,17 +252,20 @@ class _GroupMotion(NamedTuple):
     has_enough_bins: BoolArray
 
 
-def _measured(group: Group) -> _GroupMotion:
-    """Return motion and noise of a group, segments with omitted samples one by one."""
-    motions = [group.inputs[:, 0]] if group.grid.driven else []
+def _measured(group: Group, order: int) -> _GroupMotion:
+    """Return motion and noise of a group, segments with omitted samples one by one.
+
+    ``order``: derivatives of the reference to what the sensor responds to.
+    """
+    reference = [_Reference.from_lines(group.inputs[:, 0], order)] if group.grid.driven else []
     if group.used is None:
-        return _measured_rows(group.response, motions, None)
+        return _measured_rows(group.response, reference, None)
     # The bin at half the sampling rate has no phase.
     inner = slice(0, (group.grid.samples + 1) // 2)
     by_row = [
         _measured_rows(
             group.response[row : row + 1, inner],
-            [motion[row : row + 1, inner] for motion in motions],
+            [motion.part(row, inner) for motion in reference],
             used[None],
         )
         for row, used in enumerate(group.used)
@@ -272,17 +283,42 @@ def _measured(group: Group) -> _GroupMotion:
     )
 
 
+class _Reference(NamedTuple):
+    """Reference, and its derivatives to what the sensor responds to.
+
+    A displacement over the response is as steep as the inverse square of the frequency in the
+    lowest bins, and one that does not end as it began leaks so: neither is smooth there.
+
+    Attributes:
+        lines: the reference, shape (R, K).
+        scale: factor of its derivatives at each bin, one at the last, shape (K,).
+    """
+
+    lines: ComplexArray
+    scale: FloatArray
+
+    @classmethod
+    def from_lines(cls, lines: ComplexArray, order: int) -> _Reference:
+        """Return a reference with its derivatives of an order; lines of shape (R, K)."""
+        return cls(lines, np.linspace(0.0, 1.0, lines.shape[1]) ** order)
+
+    def part(self, row: int, bins: slice) -> _Reference:
+        """Return one segment at some of the bins."""
+        return _Reference(self.lines[row : row + 1, bins], self.scale[bins])
+
+
 def _measured_rows(
-    response: ComplexArray, motions: Sequence[ComplexArray], used: BoolArray | None
+    response: ComplexArray, references: Sequence[_Reference], used: BoolArray | None
 ) -> _GroupMotion:
     """Return motion and noise of segments.
 
     Args:
         response: shape (R, K).
-        motions: that of the reference, shape (R, K); none in a free decay.
+        references: that of the segments; none in a free decay.
         used: samples of the response that are used, shape (R, N); None: all.
     """
     share = 1.0 if used is None else float(np.mean(used))
+    motions = [reference.lines for reference in references]
     columns = SmoothColumns.from_motions(motions, response.shape, share)
     enough = np.full(len(response), columns is not None)
     zeros = np.zeros(response.shape)
@@ -295,17 +331,21 @@ def _measured_rows(
     response_level, moving = columns.incoherent_level(filled, may_ring=True)
     moving_bins = columns.each_bin(moving, bins)
     level = NoiseLevels(columns.level_at_bins(response_level, moving, bins), zeros, zeros)
-    for motion in motions:
+    for reference in references:
         # Noise of the reference is not in the response; at a single tone it shows in nothing else.
         response_columns = SmoothColumns.from_motions([filled], filled.shape, share)
         assert response_columns is not None
-        reference_level, coherent = response_columns.incoherent_level(motion)
+        derived = reference.lines * reference.scale
+        derived_level, coherent = response_columns.incoherent_level(derived)
+        power_of_scale = reference.scale**2
+        # White noise of the reference becomes as steep as the scale, also within a block.
+        reference_level = derived_level / columns.mean_of_blocks(power_of_scale)
         # Leakage into both channels has passed at other frequencies.
-        powers = [columns.power_without_leaks(rows) for rows in (filled, motion)]
+        powers = [columns.power_without_leaks(rows) for rows in (filled, derived)]
         gain = np.divide(*powers, out=np.zeros_like(powers[0]), where=powers[1] > 0.0)
         through = columns.level_at_bins(share * gain * reference_level, coherent, bins)
-        reference = columns.level_at_bins(reference_level, coherent, bins)
+        noise = columns.level_at_bins(reference_level, coherent, bins)
         # Without motion no |H|² shows.
-        passed = np.where(moving_bins, through / reference, 0.0)
-        level = NoiseLevels(level.response, reference, passed)
+        passed = np.where(moving_bins, through * power_of_scale / noise, 0.0)
+        level = NoiseLevels(level.response, noise, passed)
     return _GroupMotion(filled * np.sqrt(share), level, moving_bins, enough)

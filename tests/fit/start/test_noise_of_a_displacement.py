@@ -1,0 +1,57 @@
+"""Shocks against a displacement that goes on behind them: it leaks, and no leakage is noise.
+
+The noise of the reference was read 50,000 times too high, clean shocks had no start value, and a
+fit was surest where it was wrong.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vibrident import identify
+from vibrident.data.records import Calibration
+from vibrident.fit.problem.band import Band
+from vibrident.fit.problem.bin_problem import BinProblem
+from vibrident.fit.start.motion_and_noise import estimate_motion_and_noise
+from vibrident.physics.discretisation import method
+from vibrident.physics.models import parse
+from vibrident.physics.simulation import sensor_named, simulate, with_noise
+
+SENSOR = sensor_named("paper")
+NOISE = 3e-4  # of the displacement's rms
+
+
+def shocks(samples: int, repeats: int, seed: int) -> Calibration:
+    clean = simulate(SENSOR, "shock", samples=samples, repeats=repeats, seed=seed, quantity="displacement")
+    return with_noise(clean, response_noise=1e-3, reference_noise=NOISE, seed=seed + 1)
+
+
+@pytest.mark.parametrize("samples", [4000, 16_000, 64_000])
+def test_noise_of_a_displacement_is_read_beside_its_leakage(samples):
+    calibration = shocks(samples, 1, 1)
+    [record] = calibration.records
+    assert record.reference is not None
+    start = dict(SENSOR.parameters)
+    model = parse("accelerometer")
+    problem = BinProblem.build(calibration.records, model, method("bandlimited"), "displacement", start, 0.0)
+    band = Band(problem, np.inf)
+    observed = estimate_motion_and_noise(band)
+    [group] = band.groups
+    true_power = (NOISE * np.std(record.reference)) ** 2 * group.grid.samples
+    moving = observed.heard_in(group)[0]
+    assert np.sum(moving) > 10
+    level = observed.levels_in(group).reference[0, moving]
+    assert np.all(level < 4.0 * true_power)
+    assert np.all(level > 0.25 * true_power)
+
+
+@pytest.mark.parametrize(("samples", "repeats"), [(4000, 1), (4000, 5), (16_000, 1), (16_000, 5)])
+def test_clean_shocks_against_a_displacement_are_right(samples, repeats):
+    for seed in range(3):
+        result = identify(shocks(samples, repeats, seed))
+        assert set(result.warning_codes) <= {"weakly_determined"}
+        for name, parameter in result.parameters.items():
+            if name in SENSOR.parameters and parameter.standard_uncertainty is not None:
+                deviation = abs(parameter.value - SENSOR.parameters[name])
+                assert deviation < 4.0 * parameter.standard_uncertainty, (seed, name)
