@@ -61,6 +61,8 @@ def with_fitted_offsets(
     least = float(np.sum(chi2(problem)))
     for middle, width in searches:
         around = [chi2(with_shares(middle + width * place)) for place in PLACES]
+        if not np.all(np.isfinite(around)):  # a softening spring has no motion there
+            continue
         parabolas = np.polyfit(PLACES, around, 2)
         curved = np.where(parabolas[0] > 0.0, parabolas[0], np.inf)
         shares = middle - width * 0.5 * parabolas[1] / curved
