@@ -22,7 +22,15 @@ import numpy as np
 
 from vibrident.data.records import FloatArray
 from vibrident.fit.group.group import Grid, Group
-from vibrident.fit.group.network import Nuisances, Rows, Step, combined, evaluate, products
+from vibrident.fit.group.network import (
+    Nuisances,
+    Rows,
+    Step,
+    combined,
+    evaluate,
+    free_motion,
+    products,
+)
 from vibrident.fit.problem.band import Band
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.response.response import ComplexArray
@@ -177,12 +185,8 @@ class GroupAt:
         residual = observed(rows.residual[:, None])
         amounts = nuisances.amounts(residual)
         residual = (residual - combined(amounts, columns))[:, 0]
-        states = combined(amounts[:, :, : rows.order], columns[:, : rows.order])[:, 0]
+        predicted = rows.predicted + free_motion(amounts, columns, rows.order, self.group.edges)
         total = rows.amounts + amounts[:, 0]
-        predicted = rows.predicted + states
-        if self.group.edges:  # what leaks of the reference is cancelled there, too
-            at_edges = rows.nuisances.columns[:, -rows.order :]
-            predicted = predicted + combined(total[:, None, -rows.order :], at_edges)[:, 0]
         return FittedInAllBins(residual, predicted, 1.0 - nuisances.leverage(), total)
 
 

@@ -82,7 +82,7 @@ class Rows:
 
     Attributes:
         residual: measured less predicted response, nuisance columns projected out, shape (R, K).
-        predicted: the network's response with its initial states, shape (R, K).
+        predicted: the network's response with its free motion, shape (R, K).
         forced: the network's response to the reference alone, shape (R, K).
         jacobian: ∂ predicted, initial states held, less what nuisance columns could imitate, shape
             (R, P, K); P is zero without slopes.
@@ -139,12 +139,13 @@ def evaluate(group: Bins, step: Step, weight: FloatArray) -> Rows:
     residual = observed((group.response - forced)[:, None])[:, 0]
     amounts = nuisances.amounts(residual[:, None])
     residual -= combined(amounts, nuisances.columns)[:, 0]
-    predicted = forced + combined(amounts[:, :, :order], states)[:, 0]
+    from_states = forced + combined(amounts[:, :, :order], states)[:, 0]
     jacobian = np.empty((len(residual), 0, residual.shape[1]), complex)
     edge_jacobian = jacobian
     if step.slope is not None:
         relative = np.stack([horner(row, shifted) * inverse for row in step.slope.denominator], 1)
-        jacobian = _driven(group, step.slope.numerator, inverse) - predicted[:, None] * relative
+        jacobian = _driven(group, step.slope.numerator, inverse)
+        jacobian -= from_states[:, None] * relative
         jacobian = observed(jacobian)
         jacobian -= nuisances.imitated(jacobian)
         # An image of a free motion that was not recorded turns quickly with its frequency, and
@@ -153,9 +154,29 @@ def evaluate(group: Bins, step: Step, weight: FloatArray) -> Rows:
             at_edges = combined(amounts[:, :, -order:], states * inverse[:, None])
             edge_jacobian = observed(-2.0 * at_edges * relative)
             edge_jacobian -= nuisances.imitated(edge_jacobian)
+    predicted = forced + free_motion(amounts, nuisances.columns, order, group.edges)
     return Rows(
         residual, predicted, forced, jacobian, edge_jacobian, nuisances, amounts[:, 0], order
     )
+
+
+def free_motion(
+    amounts: FloatArray, columns: ComplexArray, order: int, edges: bool
+) -> ComplexArray:
+    """Return the free motion in the response, shape (R, K).
+
+    What leaks of the reference cancels with it, at the edges, too.
+
+    Args:
+        amounts: of the nuisance columns, shape (R, 1, m).
+        columns: the initial states first, those of the edges last, shape (R or 1, m, K).
+        order: number of states.
+        edges: whether there are columns of the edges.
+    """
+    motion = combined(amounts[:, :, :order], columns[:, :order])
+    if edges and order:
+        motion = motion + combined(amounts[:, :, -order:], columns[:, -order:])
+    return motion[:, 0]
 
 
 def predict(group: Group, step: Step) -> FloatArray:

@@ -8,12 +8,16 @@ offset, of which three values determine the least.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from vibrident.data.records import FloatArray
 from vibrident.fit.problem.coordinates import Coordinates
-from vibrident.fit.problem.time_domain import TimeProblem
 from vibrident.fit.response.rest import offset_of_reference
+
+if TYPE_CHECKING:
+    from vibrident.fit.problem.time_domain import TimeProblem
 
 #: Motions whose offset another reading shows: the constant beside a tone, the rest around a shock.
 WITH_KNOWN_OFFSET = ("sine", "shock", "decay")

@@ -72,7 +72,9 @@ class _Channels:
         n = min(record.samples, LAST_SAMPLES)
         response = about_mean(record.response, record.mask)[:n]
         reference = about_mean(record.reference, record.reference_mask)[:n]
-        first, last, duration = 0, n, float(n)
+        first = 0
+        last = n
+        duration = float(n)
         if record.excitation == "shock":
             extents = [_extent(values) for values in (reference, response)]
             middles, spreads = np.transpose(extents)
