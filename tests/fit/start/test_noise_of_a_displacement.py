@@ -22,8 +22,8 @@ SENSOR = sensor_named("paper")
 NOISE = 3e-4  # of the displacement's rms
 
 
-def moved(samples: int, repeats: int, seed: int) -> Calibration:
-    clean = simulate(SENSOR, "shock", samples=samples, repeats=repeats, seed=seed, quantity="displacement")
+def moved(samples: int, repeats: int, seed: int, motion: str = "shock") -> Calibration:
+    clean = simulate(SENSOR, motion, samples=samples, repeats=repeats, seed=seed, quantity="displacement")
     return with_noise(clean, response_noise=1e-3, reference_noise=NOISE, seed=seed + 1)
 
 
@@ -50,7 +50,7 @@ def test_noise_of_a_displacement_is_read_beside_its_leakage(samples):
 def test_clean_shocks_against_a_displacement_are_right(samples, repeats):
     for seed in range(3):
         result = identify(moved(samples, repeats, seed))
-        assert set(result.warning_codes) <= {"weakly_determined"}
+        assert "lack_of_fit" not in result.warning_codes
         for name, parameter in result.parameters.items():
             if name in SENSOR.parameters and parameter.standard_uncertainty is not None:
                 deviation = abs(parameter.value - SENSOR.parameters[name])
