@@ -65,3 +65,15 @@ def test_clean_sweeps_against_a_noisy_displacement_are_right(seed):
     sensitivity = result.parameters["sensitivity"]
     deviation = abs(sensitivity.value - SENSOR.parameters["sensitivity"])
     assert deviation < 4.0 * sensitivity.standard_uncertainty
+
+
+@pytest.mark.parametrize("name", ["geophone", "seismometer"])
+def test_clean_shocks_of_a_pickup_of_velocity_are_right(name):
+    """Below its natural frequency the response is as steep as the cube of the frequency."""
+    sensor = sensor_named(name)
+    clean = simulate(sensor, "shock", samples=10_000, repeats=3, seed=1, quantity="displacement")
+    result = identify(with_noise(clean, response_noise=1e-3, reference_noise=NOISE, seed=2))
+    assert set(result.warning_codes) <= {"weakly_determined"}
+    for parameter_name, value in sensor.parameters.items():
+        parameter = result.parameters[parameter_name]
+        assert abs(parameter.value - value) < 4.0 * parameter.standard_uncertainty

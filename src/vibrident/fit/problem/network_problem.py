@@ -50,6 +50,7 @@ class Frame:
             a look at what moves.
         reference_offsets: of the records, in the reference's unit, which a nonlinear spring feels;
             None: those of :func:`vibrident.fit.response.rest.offset_of_reference`.
+        zeros: of the response over the reference, at frequency zero.
     """
 
     model: SensorModel
@@ -62,6 +63,7 @@ class Frame:
     factor_values: Mapping[str, float]
     top_hz: float = np.inf
     reference_offsets: tuple[float, ...] | None = None
+    zeros: int = 0
 
     @classmethod
     def of(
@@ -95,7 +97,19 @@ class Frame:
         terms = max(method.terms(fastest * interval, direct, band) for interval, band in steps)
         terms = terms if top_hz > 0.0 else 1  # a look needs the first input alone
         factor_values = {name: float(start[name]) for name in model.factor_names}
-        return cls(model, method, quantity, delay, order, terms, fastest, factor_values, top_hz)
+        zeros = next((power for power, factor in enumerate(system.numerator) if factor != 0.0), 0)
+        return cls(
+            model,
+            method,
+            quantity,
+            delay,
+            order,
+            terms,
+            fastest,
+            factor_values,
+            top_hz,
+            zeros=zeros,
+        )
 
     @property
     def fewest(self) -> int:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy import fft
 from numpy.typing import NDArray
 
-from vibrident.data.records import BoolArray, FloatArray, Quantity
+from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.group.group import Group
 from vibrident.fit.noise.averages import windowed
 from vibrident.fit.noise.local import SmoothColumns
@@ -19,7 +19,6 @@ from vibrident.fit.noise.tones import MAX_TONE_DISTANCE
 from vibrident.fit.problem.band import Band
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
-from vibrident.physics.models.base import DERIVATIVES
 
 #: A bin shows motion where the power of the response is so many times the noise.
 MIN_MOTION_RATIO = 10.0
@@ -149,10 +148,8 @@ def estimate_motion_and_noise(band: Band) -> MotionAndNoise:
     shown: list[FloatArray] = []
     all_bins: list[FloatArray] = []
     filled: dict[int, ComplexArray] = {}
-    frame = band.problem.frame
-    order = derivatives_to(frame.model.stated_quantity(frame.quantity), frame.quantity)
     for group in band.groups:
-        measured = _measured(group, order)
+        measured = _measured(group, band.problem.frame.zeros)
         power = power_of(measured.response)
         heard = power > MIN_MOTION_RATIO * measured.level.total
         if group.grid.driven:  # leakage from other bins is no motion
@@ -190,11 +187,6 @@ def estimate_motion_and_noise(band: Band) -> MotionAndNoise:
     return MotionAndNoise(
         levels, heard_bins, (float(np.min(span)), float(np.max(span))), filled=filled
     )
-
-
-def derivatives_to(sensed: Quantity, reference: Quantity) -> int:
-    """Return how often a reference is derived to what a sensor responds to; never integrated."""
-    return max(DERIVATIVES[reference] - DERIVATIVES[sensed], 0)
 
 
 def _near_tones(band: Band, group: Group) -> BoolArray:
@@ -255,7 +247,7 @@ class _GroupMotion(NamedTuple):
 def _measured(group: Group, order: int) -> _GroupMotion:
     """Return motion and noise of a group, segments with omitted samples one by one.
 
-    ``order``: derivatives of the reference to what the sensor responds to.
+    ``order``: derivatives of the reference to what the response is like at low frequencies.
     """
     reference = [_Reference.from_lines(group.inputs[:, 0], order)] if group.grid.driven else []
     if group.used is None:
@@ -284,10 +276,10 @@ def _measured(group: Group, order: int) -> _GroupMotion:
 
 
 class _Reference(NamedTuple):
-    """Reference, and its derivatives to what the sensor responds to.
+    """Reference, and its derivatives to what the response is like at low frequencies.
 
-    A displacement over the response is as steep as the inverse square of the frequency in the
-    lowest bins, and one that does not end as it began leaks so: neither is smooth there.
+    A displacement over the response of an accelerometer is as steep as the inverse square of the
+    frequency in the lowest bins, and one that does not end as it began leaks so: neither is smooth.
 
     Attributes:
         lines: the reference, shape (R, K).
