@@ -135,7 +135,8 @@ def evaluate(group: Bins, step: Step, weight: FloatArray) -> Rows:
     forced = _driven(group, step.transfer.numerator[None], inverse)[:, 0]
     states = _states(shifted, inverse, order)
     observed = group.observer(weight)
-    nuisances = Nuisances.in_weight(observed(_nuisances(group, states, inverse)), weight)
+    columns = _nuisances(group, states, inverse)
+    nuisances = Nuisances.in_weight(observed(columns), weight)
     residual = observed((group.response - forced)[:, None])[:, 0]
     amounts = nuisances.amounts(residual[:, None])
     residual -= combined(amounts, nuisances.columns)[:, 0]
@@ -154,7 +155,7 @@ def evaluate(group: Bins, step: Step, weight: FloatArray) -> Rows:
             at_edges = combined(amounts[:, :, -order:], states * inverse[:, None])
             edge_jacobian = observed(-2.0 * at_edges * relative)
             edge_jacobian -= nuisances.imitated(edge_jacobian)
-    predicted = forced + free_motion(amounts, nuisances.columns, order, group.edges)
+    predicted = forced + free_motion(amounts, columns, order, group.edges)
     return Rows(
         residual, predicted, forced, jacobian, edge_jacobian, nuisances, amounts[:, 0], order
     )
