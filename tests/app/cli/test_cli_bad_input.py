@@ -216,6 +216,7 @@ def test_an_export_refuses_options_of_other_formats(options, words, identified, 
     assert_refused(done, tmp_path / "out", *words)
 
 
+@pytest.mark.needs("history")
 def test_a_report_refuses_a_store_that_does_not_exist(identified, run, tmp_path):
     store = tmp_path / "none.db"
     done = run("report", identified, "--store", store, "--out", tmp_path / "out")
