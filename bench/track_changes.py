@@ -169,8 +169,8 @@ def named() -> list[Figure]:
 def _session(motion: Motion) -> TrackingSession:
     tracker = motion.tracker()
     count = tracker.network.parameters
-    none = np.zeros((0, count))
-    no_effects = CarriedEffects((), none, np.eye(count), np.zeros(count), (), none)
+    no_rows = np.zeros((0, count))
+    no_effects = CarriedEffects((), no_rows, np.eye(count), np.zeros(count), (), no_rows)
     cause = Cause(None, "", motion.values)
     return TrackingSession(tracker, 1024, {}, cause, no_effects)
 

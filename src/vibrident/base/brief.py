@@ -1,9 +1,9 @@
-"""Short representations of objects, without the numbers of their arrays."""
+"""Short representations: of objects without the numbers of their arrays, and of many names."""
 
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from typing import Any
 
@@ -34,6 +34,12 @@ _short.maxtuple = 4
 _short.maxlist = 4
 _short.maxdict = 8
 _short.maxstring = _short.maxother = 80
+
+
+def first_names(names: Sequence[str], most: int) -> str:
+    """Return the first names, ``most`` at most, and how many others there are."""
+    excess = len(names) - most
+    return ", ".join(names[:most]) + (f" and {excess} more" if excess > 0 else "")
 
 
 def brief(self: Any) -> str:

@@ -16,6 +16,7 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
+from vibrident.base.brief import first_names
 from vibrident.base.errors import InputError
 
 SCHEMA = "vibrident.result/1"
@@ -195,7 +196,5 @@ def read_document(path: str | os.PathLike[str]) -> Any:
 def log_unknown(file: str, names: tuple[str, ...]) -> None:
     """Log a warning that names the fields of a file that this version does not know."""
     if names:
-        excess = len(names) - MAX_NAMED_FIELDS
-        more = f" and {excess} more" if excess > 0 else ""
-        named = f"{', '.join(names[:MAX_NAMED_FIELDS])}{more}"
+        named = first_names(names, MAX_NAMED_FIELDS)
         _log.warning(f"{file} holds what this version of vibrident does not know; kept: {named}")

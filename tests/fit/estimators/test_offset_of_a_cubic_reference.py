@@ -14,7 +14,7 @@ from vibrident.physics.simulation import sensor_named, simulate, with_noise
 SENSOR = sensor_named("cubic")
 
 
-def moved(record: Record, offset_rms: float) -> Record:
+def with_offset(record: Record, offset_rms: float) -> Record:
     """Return a record whose reference has an offset in addition, in its own rms."""
     assert record.reference is not None
     offset = offset_rms * float(np.std(record.reference))
@@ -24,7 +24,7 @@ def moved(record: Record, offset_rms: float) -> Record:
 def calibration(motion: str, offset_rms: float, seed: int) -> Calibration:
     clean = simulate(SENSOR, motion, samples=4000, repeats=2, seed=seed)
     noisy = with_noise(clean, response_noise=1e-3, seed=seed + 50)
-    return replace(noisy, records=tuple(moved(record, offset_rms) for record in noisy.records))
+    return replace(noisy, records=tuple(with_offset(record, offset_rms) for record in noisy.records))
 
 
 @pytest.mark.parametrize(("motion", "offset_rms", "seed"), [("random", 0.0, 3), ("random", 0.4, 5), ("sweep", 0.4, 3)])

@@ -22,14 +22,14 @@ SENSOR = sensor_named("paper")
 NOISE = 3e-4  # of the displacement's rms
 
 
-def moved(samples: int, repeats: int, seed: int, motion: str = "shock") -> Calibration:
+def calibration_of(samples: int, repeats: int, seed: int, motion: str = "shock") -> Calibration:
     clean = simulate(SENSOR, motion, samples=samples, repeats=repeats, seed=seed, quantity="displacement")
     return with_noise(clean, response_noise=1e-3, reference_noise=NOISE, seed=seed + 1)
 
 
 @pytest.mark.parametrize("samples", [4000, 16_000, 64_000])
 def test_noise_of_a_displacement_is_read_beside_its_leakage(samples):
-    calibration = moved(samples, 1, 1)
+    calibration = calibration_of(samples, 1, 1)
     [record] = calibration.records
     assert record.reference is not None
     start = dict(SENSOR.parameters)
@@ -49,7 +49,7 @@ def test_noise_of_a_displacement_is_read_beside_its_leakage(samples):
 @pytest.mark.parametrize(("samples", "repeats"), [(4000, 1), (4000, 5), (16_000, 1), (16_000, 5)])
 def test_clean_shocks_against_a_displacement_are_right(samples, repeats):
     for seed in range(3):
-        result = identify(moved(samples, repeats, seed))
+        result = identify(calibration_of(samples, repeats, seed))
         assert "lack_of_fit" not in result.warning_codes
         for name, parameter in result.parameters.items():
             if name in SENSOR.parameters and parameter.standard_uncertainty is not None:
@@ -60,7 +60,7 @@ def test_clean_shocks_against_a_displacement_are_right(samples, repeats):
 @pytest.mark.parametrize("seed", [11, 12])
 def test_clean_sweeps_against_a_noisy_displacement_are_right(seed):
     """Their sensitivity was 1e-8, or right and "the model explains 0 %": in the highest bins."""
-    result = identify(moved(10_000, 10, seed, "sweep"))
+    result = identify(calibration_of(10_000, 10, seed, "sweep"))
     assert not result.warnings
     sensitivity = result.parameters["sensitivity"]
     deviation = abs(sensitivity.value - SENSOR.parameters["sensitivity"])

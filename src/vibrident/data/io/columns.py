@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.base import extras, memory
+from vibrident.base.brief import first_names
 from vibrident.base.errors import InputError, did_you_mean
 from vibrident.data.io.units import split_brackets
 from vibrident.data.records import FloatArray
@@ -377,9 +378,8 @@ class ColumnFile:
         named = [name for name in self.names if name]
         if not named:
             return f"a column number from 1 to {len(self.names)} (the file has no header)"
-        listed = ", ".join(repr(name[:_MAX_NAME_LENGTH]) for name in named[:_MAX_NAMES_IN_MESSAGE])
-        excess = len(named) - _MAX_NAMES_IN_MESSAGE
-        return f"one of {listed}" + (f" and {excess} more" if excess > 0 else "")
+        quoted = [repr(name[:_MAX_NAME_LENGTH]) for name in named]
+        return f"one of {first_names(quoted, _MAX_NAMES_IN_MESSAGE)}"
 
 
 def real_numbers(values: Any) -> FloatArray:

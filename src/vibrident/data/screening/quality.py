@@ -10,6 +10,7 @@ import numpy as np
 from numpy import fft
 
 from vibrident.base.amounts import amount
+from vibrident.base.brief import first_names
 from vibrident.base.errors import InputError
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import STATIONARY_EXCITATIONS, BoolArray, FloatArray, Record
@@ -132,18 +133,14 @@ def _require_records(
             "No record can be used.",
             expected="at least one record in which both channels carry a signal, of a decay one "
             "that dies away",
-            found="; ".join(f"{reason}: {_names(names)}" for reason, names in left_out.items()),
+            found="; ".join(
+                f"{reason}: {first_names(names, MAX_NAMES)}" for reason, names in left_out.items()
+            ),
             where="records",
             remedy="check the excitation, and the columns of [reference] and [response] with "
             "⟦command = inspect⟧",
         )
     return tuple(records)
-
-
-def _names(names: Sequence[str]) -> str:
-    """Return the first names, and how many others there are."""
-    excess = len(names) - MAX_NAMES
-    return ", ".join(names[:MAX_NAMES]) + (f" and {excess} more" if excess > 0 else "")
 
 
 def _is_too_broken(record: Record) -> bool:

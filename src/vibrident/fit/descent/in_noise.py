@@ -185,7 +185,8 @@ class GroupAt:
         residual = observed(rows.residual[:, None])
         amounts = nuisances.amounts(residual)
         residual = (residual - combined(amounts, columns))[:, 0]
-        predicted = rows.predicted + free_motion(amounts, columns, rows.order, self.group.edges)
+        from_states, at_edges = free_motion(amounts, columns, rows.order, self.group.edges)
+        predicted = rows.predicted + from_states + at_edges
         total = rows.amounts + amounts[:, 0]
         return FittedInAllBins(residual, predicted, 1.0 - nuisances.leverage(), total)
 

@@ -21,11 +21,10 @@ def minus_two_log_likelihood(groups: Sequence[GroupAt]) -> float:
     """
     total = 0.0
     for place in groups:
-        counts = place.weight * place.psd * place.group.grid.samples
         power = power_of(place.group.response) / place.group.count[:, None]
         level = mean_around(power, averaged_bins(power.shape[1]), 0)
         total += float(
-            np.sum(counts * (_terms(place) - 1.0 - np.log(np.maximum(level, MIN_POWER))))
+            np.sum(_counts(place) * (_terms(place) - 1.0 - np.log(np.maximum(level, MIN_POWER))))
         )
     return total
 
@@ -99,9 +98,10 @@ def _terms_by_segment(groups: Sequence[GroupAt]) -> Iterator[tuple[int, _Segment
     """Yield the number of each segment of a fit with its terms."""
     for place in groups:
         grid = place.group.grid
-        counts = place.weight * place.psd * grid.samples
         hz = np.arange(grid.bins, dtype=float) * (grid.rate_hz / grid.samples)
-        for number, terms, row in zip(place.group.segments, _terms(place), counts, strict=True):
+        for number, terms, row in zip(
+            place.group.segments, _terms(place), _counts(place), strict=True
+        ):
             yield number, _SegmentTerms(hz, terms, row)
 
 
@@ -113,6 +113,11 @@ def _sum_where_all_count(
     counts = [np.interp(hz, terms.frequency_hz, terms.counts, right=0.0) for terms in of_all]
     common = np.min(counts, axis=0)
     return float(np.sum(common * of_fit.terms)), float(np.sum(common))
+
+
+def _counts(place: GroupAt) -> FloatArray:
+    """Return the count of numbers that show motion at the bins of a group, shape (R, K)."""
+    return np.asarray(place.weight * place.psd * place.group.grid.samples)
 
 
 def _terms(place: GroupAt) -> FloatArray:

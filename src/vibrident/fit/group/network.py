@@ -140,33 +140,39 @@ def evaluate(group: Bins, step: Step, weight: FloatArray) -> Rows:
     residual = observed((group.response - forced)[:, None])[:, 0]
     amounts = nuisances.amounts(residual[:, None])
     residual -= combined(amounts, nuisances.columns)[:, 0]
-    from_states = forced + combined(amounts[:, :, :order], states)[:, 0]
+    from_states, at_edges = free_motion(amounts, columns, order, group.edges)
+    with_states = forced + from_states
     jacobian = np.empty((len(residual), 0, residual.shape[1]), complex)
     edge_jacobian = jacobian
     if step.slope is not None:
         relative = np.stack([horner(row, shifted) * inverse for row in step.slope.denominator], 1)
         jacobian = _driven(group, step.slope.numerator, inverse)
-        jacobian -= from_states[:, None] * relative
+        jacobian -= with_states[:, None] * relative
         jacobian = observed(jacobian)
         jacobian -= nuisances.imitated(jacobian)
         # An image of a free motion that was not recorded turns quickly with its frequency, and
         # would follow the noise.
         if group.edges and not group.aliased:  # 1/a twice
-            at_edges = combined(amounts[:, :, -order:], states * inverse[:, None])
-            edge_jacobian = observed(-2.0 * at_edges * relative)
+            edge_jacobian = observed(-2.0 * at_edges[:, None] * relative)
             edge_jacobian -= nuisances.imitated(edge_jacobian)
-    predicted = forced + free_motion(amounts, columns, order, group.edges)
     return Rows(
-        residual, predicted, forced, jacobian, edge_jacobian, nuisances, amounts[:, 0], order
+        residual,
+        with_states + at_edges,
+        forced,
+        jacobian,
+        edge_jacobian,
+        nuisances,
+        amounts[:, 0],
+        order,
     )
 
 
 def free_motion(
     amounts: FloatArray, columns: ComplexArray, order: int, edges: bool
-) -> ComplexArray:
-    """Return the free motion in the response, shape (R, K).
+) -> tuple[ComplexArray, ComplexArray]:
+    """Return the free motion of the initial states, and that at the edges, shape (R, K) each.
 
-    What leaks of the reference cancels with it, at the edges, too.
+    What leaks of the reference cancels with both.
 
     Args:
         amounts: of the nuisance columns, shape (R, 1, m).
@@ -174,10 +180,10 @@ def free_motion(
         order: number of states.
         edges: whether there are columns of the edges.
     """
-    motion = combined(amounts[:, :, :order], columns[:, :order])
-    if edges and order:
-        motion = motion + combined(amounts[:, :, -order:], columns[:, -order:])
-    return motion[:, 0]
+    from_states = combined(amounts[:, :, :order], columns[:, :order])[:, 0]
+    if not (edges and order):
+        return from_states, np.zeros_like(from_states)
+    return from_states, combined(amounts[:, :, -order:], columns[:, -order:])[:, 0]
 
 
 def predict(group: Group, step: Step) -> FloatArray:

@@ -148,7 +148,8 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
     lack_of_fit = describe_misfit(adequacy, points, response, decays)
     shares = shares_of(powers_by_record)
     if not (adequacy.adequate and shares.explained > 1.0 - MAX_UNEXPLAINED):
-        # What is common to both channels ends where a first look sees it end, not the fit.
+        # What is common to both channels ends where a first look sees it end, not the fit, and
+        # begins where either does.
         low_hz, high_hz = _band_of_look(evidence, estimate)
         band_hz = min(band_hz[0], low_hz), high_hz
         powers_by_record = powers_of_tones + [

@@ -192,9 +192,12 @@ class NetworkProblem(ABC):
         """
         if not self.is_far(values, MAX_DELAY_CHANGE_SAMPLES):
             return self
-        now = self.frame
-        frame = Frame.of(self.records, now.model, now.method, now.quantity, values, now.top_hz)
-        return self.of_frame(self.records, replace(frame, reference_offsets=now.reference_offsets))
+        frame = self.frame
+        moved = Frame.of(
+            self.records, frame.model, frame.method, frame.quantity, values, frame.top_hz
+        )
+        moved = replace(moved, reference_offsets=frame.reference_offsets)
+        return self.of_frame(self.records, moved)
 
     def is_far(self, values: Mapping[str, float], samples: float) -> bool:
         """Return whether the inputs are at another delay by so many samples, or other factors."""

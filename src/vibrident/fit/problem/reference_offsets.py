@@ -50,19 +50,22 @@ def with_fitted_offsets(
         return problem
 
     # The noise that the fit began with holds the misfit of its first step, too.
-    noise = problem.record_noise(problem.normal(z, coordinates, noise), noise)
+    normal = problem.normal(z, coordinates, noise)
+    variance = problem.record_noise(normal, noise) ** 2
 
     def with_shares(shares: FloatArray) -> TimeProblem:
         return problem.at_reference_offsets(np.where(is_open, shares, 1.0) * means)
 
     def chi2(tried: TimeProblem) -> FloatArray:
-        return tried.squares(tried.normal(z, coordinates, noise), noise) / noise**2
+        return tried.squares(tried.normal(z, coordinates, noise), noise) / variance
 
-    now = np.asarray(problem.frame.reference_offsets or means) / np.where(is_open, means, 1.0)
-    searches = [(now, WIDTH)]
+    current_shares = np.asarray(problem.frame.reference_offsets or means) / np.where(
+        is_open, means, 1.0
+    )
+    searches = [(current_shares, WIDTH)]
     if problem.frame.reference_offsets is None:  # begin with a parabola over all of the mean
         searches.insert(0, (np.full(means.shape, FIRST_WIDTH), FIRST_WIDTH))
-    least = float(np.sum(chi2(problem)))
+    current_chi2 = float(np.sum(problem.squares(normal, noise) / variance))
     for middle, width in searches:
         around = [chi2(with_shares(middle + width * place)) for place in PLACES]
         if not np.all(np.isfinite(around)):  # a softening spring has no motion there
@@ -71,6 +74,6 @@ def with_fitted_offsets(
         curved = np.where(parabolas[0] > 0.0, parabolas[0], np.inf)
         shares = middle - width * 0.5 * parabolas[1] / curved
         fitted = with_shares(np.clip(shares, -MAX_SHARE, MAX_SHARE))
-        if least - float(np.sum(chi2(fitted))) > MIN_FALL:
+        if current_chi2 - float(np.sum(chi2(fitted))) > MIN_FALL:
             return fitted
     return problem

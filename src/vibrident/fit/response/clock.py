@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from vibrident.base.brief import first_names
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.data.screening import ScreeningFinding
 from vibrident.fit.response.sine_fit import phasors, spectral_peak, tone_frequency
@@ -22,6 +23,7 @@ MIN_SINGLE_OFFSET = 0.05
 PLACE_UNCERTAINTY_LINES = 0.02
 #: The strongest tone is the record's if at most this share of the power is anything else.
 MAX_OTHER_POWER = 0.3
+MAX_NAMES = 3  # of records in a message
 
 
 def judge_clocks(
@@ -39,8 +41,9 @@ def judge_clocks(
     ratio = _common_ratio(stated)
     if ratio is None:
         return tuple(records), ()
+    names = first_names([record.name for record in stated], MAX_NAMES)
     text = (
-        f"In {_named(stated)} the tone lies at {ratio:.6g} times the stated frequency_hz: the "
+        f"In {names} the tone lies at {ratio:.6g} times the stated frequency_hz: the "
         "sampling rate, or frequency_hz, is wrong by that factor."
     )
     corrected = tuple(
@@ -115,9 +118,3 @@ def _without_tone(
     waves = np.stack([wave.real, wave.imag])
     coefficients, *_ = np.linalg.lstsq(waves @ waves.T, waves @ motion, rcond=None)
     return float(np.hypot(*coefficients)), motion - coefficients @ waves
-
-
-def _named(records: Sequence[Record]) -> str:
-    """Return the names of the first three records, and how many more there are."""
-    names = ", ".join(record.name for record in records[:3])
-    return names + (f" and {len(records) - 3} more" if len(records) > 3 else "")

@@ -39,8 +39,8 @@ ITERATIONS = 3  # of the linearised fit
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)  # of an interval, the longer part
 PRECISION = 1e-3  # of the valley's width; the test of departures from the fit gives the last digits
 MIN_GAIN = 4.0  # by which the unexplained part must fall; leakage of short records makes 3
-#: Standard deviations of a shock's power in time on either side that the search sees: Hann's window
-#: is at half its height at those that hold most.
+#: Standard deviations of a shock's power in time on either side that the search sees: at two of
+#: them Hann's window is at half its height.
 REACH_OF_SHOCK = 4.0
 FIRST_SAMPLES = 1 << 11  # in which the search begins
 LAST_SAMPLES = 1 << 17  # beyond which the valley is so narrow that the fit itself follows
@@ -111,10 +111,10 @@ class _Channels:
 
         Before its first and after its last sample it is constant.
         """
-        instants = np.arange(self.first, self.first + samples)
+        end = self.first + samples
         if offset == delay_s == 0.0:
-            return self.response[instants]
-        places = (instants + delay_s * self.rate_hz) * (FINER / (1.0 + offset))
+            return self.response[self.first : end]
+        places = (np.arange(self.first, end) + delay_s * self.rate_hz) * (FINER / (1.0 + offset))
         np.clip(places, 0.0, (self.response.size - 1) * FINER, out=places)
         before = np.minimum(places.astype(int), len(self.finer) - 2)
         value = self.finer[before]

@@ -249,15 +249,17 @@ def _measured(group: Group, order: int) -> _GroupMotion:
 
     ``order``: derivatives of the reference to what the response is like at low frequencies.
     """
-    reference = [_Reference.from_lines(group.inputs[:, 0], order)] if group.grid.driven else []
+    references = list[_Reference]()
+    if group.grid.driven:
+        references.append(_Reference.from_lines(group.inputs[:, 0], order))
     if group.used is None:
-        return _measured_rows(group.response, reference, None)
+        return _measured_rows(group.response, references, None)
     # The bin at half the sampling rate has no phase.
     inner = slice(0, (group.grid.samples + 1) // 2)
     by_row = [
         _measured_rows(
             group.response[row : row + 1, inner],
-            [motion.part(row, inner) for motion in reference],
+            [reference.part(row, inner) for reference in references],
             used[None],
         )
         for row, used in enumerate(group.used)
