@@ -6,7 +6,7 @@ import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,10 @@ from vibrident.fit.departures.points import Point, PointsPart
 from vibrident.fit.departures.score import Score
 from vibrident.fit.departures.sums import ExactSums, Sums
 from vibrident.fit.response.response import ComplexArray
+
+#: A signal has its own sign beyond so many standard deviations of the noise in it: below these the
+#: noise reverses it, beyond them in one of 16,000 samples.
+MIN_SIGN_DEVIATIONS = 4.0
 
 
 @dataclass(frozen=True)
@@ -182,6 +186,27 @@ class WithoutMotion(Departure):
         return np.zeros(1)
 
 
+class Size(NamedTuple):
+    """What functions of a signal are relative to.
+
+    Attributes:
+        scale: of all records.
+        largest: of the signal of each record, shape (R, 1); that of all is in the scale.
+        noise: standard deviation of the reference's noise in the signal, shape (R, 1).
+    """
+
+    scale: Scale
+    largest: FloatArray
+    noise: FloatArray
+
+    def sign(self, signal: FloatArray) -> FloatArray:
+        """Return the sign of a signal, zero where noise of the reference may reverse it.
+
+        There the sign is that of the noise, which is in the residual, too.
+        """
+        return np.sign(signal) * (np.abs(signal) > MIN_SIGN_DEVIATIONS * self.noise)
+
+
 class Shape(Departure):
     """A departure by functions without memory of a signal.
 
@@ -196,12 +221,10 @@ class Shape(Departure):
     turned: ClassVar[bool] = False
 
     @abstractmethod
-    def shapes(
-        self, signal: FloatArray, scale: Scale, largest: FloatArray
-    ) -> Iterable[tuple[str, FloatArray]]:
+    def shapes(self, signal: FloatArray, size: Size) -> Iterable[tuple[str, FloatArray]]:
         """Yield for each function what it is in words, and its values for the signal, shape (R, L).
 
-        ``largest``: of the signal of each record, shape (R, 1); that of all is in the scale.
+        ``size``: what the functions are relative to.
         """
 
     def signal(self, group: WhitenedGroup, scale: Scale) -> FloatArray:
@@ -225,7 +248,16 @@ class Shape(Departure):
         """
         signal = self.signal(group, scale)
         largest = np.max(np.abs(signal), axis=1, keepdims=True, initial=0.0)
-        return list(self.shapes(signal + offset, scale, largest))
+        noise = self._deviation(group.input_share, group, scale)[:, None]
+        return list(self.shapes(signal + offset, Size(scale, largest, noise)))
+
+    def _deviation(self, share: FloatArray, group: WhitenedGroup, scale: Scale) -> FloatArray:
+        """Return the standard deviation in time that a share of the noise gives the signal, (R,).
+
+        ``share``: part of the noise at each bin that is in the motion, shape (R, K).
+        """
+        power = share * group.noise_power() * np.abs(self.gain(group, scale)) ** 2
+        return np.asarray(np.sqrt(2.0 * np.sum(power, axis=1) / group.samples))
 
     def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
         """Yield the functions by their bins."""
@@ -251,15 +283,12 @@ class Shape(Departure):
         η) η] |W|² of the bins, by the two nodes y ± σ of Gauss and Hermite's quadrature.
         """
         samples = group.samples
-        noise = np.divide(
-            2.0, samples * group.gain**2, out=np.zeros_like(group.gain), where=group.gain > 0.0
-        )
-        gain = np.broadcast_to(np.asarray(self.gain(group, scale), dtype=complex), group.gain.shape)
+        gain = np.asarray(self.gain(group, scale), dtype=complex)
         doubt = group.errors.doubt
         answer = np.asarray(self.answer(group, scale), dtype=complex)
-        power = doubt * noise * np.abs(gain) ** 2
-        sigma = np.sqrt(2.0 * np.sum(power, axis=1) / samples)
-        covariance = 2.0 / samples * np.sum(doubt * np.real(answer * gain), axis=1)
+        sigma = self._deviation(doubt, group, scale)
+        in_common = np.broadcast_to(np.real(answer * gain), doubt.shape)
+        covariance = 2.0 / samples * np.sum(doubt * in_common, axis=1)
         shapes_at_nodes = [
             self._shapes_of_signal(group, scale, sign * sigma[:, None])[candidate.number][1]
             for sign in (1, -1)

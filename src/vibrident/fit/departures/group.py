@@ -51,6 +51,7 @@ class WhitenedGroup:
         predicted: response to the reference as it was recorded, shape (R, K).
         likely: response to the most likely motion that recurs with the record, shape (R, K).
         motion: response to the most likely motion in time, free motion included, shape (R, L).
+        input_share: part of the noise that may be the reference's (95 %), 0 … 1, shape (R, K).
         transfer: of the sensor, shape (R, K).
         slopes: of the response with the coordinates, shape (R, P, K).
         gain: of a bin that makes noise white, zero where it does not count, shape (R, K).
@@ -76,6 +77,7 @@ class WhitenedGroup:
     predicted: ComplexArray
     likely: ComplexArray
     motion: FloatArray
+    input_share: FloatArray
     transfer: ComplexArray
     slopes: ComplexArray
     gain: FloatArray
@@ -127,6 +129,11 @@ class WhitenedGroup:
                 self.likely, self.transfer, out=np.zeros_like(self.likely), where=self.transfer != 0
             )
         )
+
+    def noise_power(self) -> FloatArray:
+        """Return the mean square of a sample of the noise at each bin, shape (R, K)."""
+        squares = self.gain**2
+        return np.divide(2.0 / self.samples, squares, out=np.zeros_like(squares), where=squares > 0)
 
     def series(self, bins: ComplexArray) -> FloatArray:
         """Return signals in time from their bins, shape (…, L)."""

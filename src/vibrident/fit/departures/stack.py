@@ -80,6 +80,16 @@ class _Stack(NamedTuple):
         share = input_noise * power_of(self.transfer) / self.level
         return most_likely(self.predicted, noise, share, self.level * count) * self.counted
 
+    def input_share(self, signals: Sequence[Signals], bins_used: slice) -> FloatArray:
+        """Return the part of the noise that may be the reference's (95 %), 0 … 1, shape (R, K)."""
+        input_noise = np.stack(
+            [
+                (member.spectrum.input_noise_at + member.spectrum.doubt)[bins_used]
+                for member in signals
+            ]
+        )
+        return np.minimum(input_noise * power_of(self.transfer) / self.level, 1.0)
+
 
 def group_of(
     signals: Sequence[Signals],
@@ -149,6 +159,7 @@ def group_of(
         predicted=stack.predicted,
         likely=likely,
         motion=_motion_in_time(signals, likely, bins_used.stop),
+        input_share=stack.input_share(signals, bins_used),
         transfer=stack.transfer,
         slopes=slopes,
         gain=stack.gain,

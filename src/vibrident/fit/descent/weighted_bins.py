@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.data.records.basis import span_of
 from vibrident.fit.descent.settle import InNoise
 from vibrident.fit.group.network import Nuisances
-from vibrident.fit.noise.spectrum import NoiseSpectrum, PredictedMotion, noise_spectrum
+from vibrident.fit.noise.spectrum import NoiseSpectrum, PredictedMotion, noise_spectra
 from vibrident.fit.noise.tones import harmonic_bins, with_tones
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.problem.network_problem import noise_floor_of
@@ -106,63 +106,156 @@ def weighted_segments(
             )
 
 
-def weighted_series(
-    number: int,
-    record: Record,
-    predicted: FloatArray,
-    turns: float | None = None,
-    transfer: Transfer | None = None,
-) -> WeightedBins | None:
-    """Return a record by its predicted response, or None of too few samples.
+@dataclass(frozen=True, eq=False)
+class PredictedRecord:
+    """A record and its predicted response, of which nothing else is known.
 
-    Offset, drift and hum are fitted; nothing else is known of a network that runs in time.
-
-    Args:
+    Attributes:
         number: index of the record.
         record: the record.
         predicted: its response, shape (samples,), NaN where not defined.
         turns: of a sine in a sample, whose harmonics are no hum; None: not asked for.
         transfer: response to the reference by frequency in Hz, with which its noise arrives; None:
             not known.
+        most_bins: number of bins that are looked at, from frequency zero on; None: all.
     """
-    used = record.mask & np.isfinite(predicted)
-    if used.sum() < MIN_SAMPLES:
-        return None
-    span = span_of(used)
-    span = slice(span.start, span.start + fast_below(span.stop - span.start, MAX_LOST))
-    used = used[span]
-    n = used.size
-    measured, modelled = (
-        np.where(used, series[span], 0.0) for series in (record.response, predicted)
-    )
-    counts = counts_in_band(n)
-    residual, motion, *columns = fft.rfft(
-        [measured - modelled, modelled, used * 1.0, used * np.linspace(-1.0, 1.0, n)]
-    )
-    colour = reference_colour(record, n)
-    through = None
-    if transfer is not None:
-        through = colour * power_of(transfer(line_frequencies(n, record.sampling_rate_hz)))
-    prediction = PredictedMotion(
-        motion,
-        float(used.sum()),
-        int(np.flatnonzero(counts)[-1]),
-        through,
-        colour,
-        lines=None if turns is None else harmonic_bins(n, turns, counts.size),
-    )
-    floor = noise_floor_of(record) ** 2
-    hum = tuple(hz * n / record.sampling_rate_hz for hz in record.hum_hz)
-    nuisances = np.concatenate([columns, fft.rfft(waves(hum, n) * used)])
-    residual = freed(residual, nuisances, counts)
-    spectrum = noise_spectrum(residual, prediction, floor)
-    if spectrum.tones:  # leakage of hum is no noise
-        first = spectrum
-        nuisances = np.concatenate([nuisances, fft.rfft(waves(first.tones, n) * used)])
-        spectrum = noise_spectrum(freed(residual, nuisances, counts / first.psd), prediction, floor)
-        tones = with_tones(first.tones, spectrum.tones)
-        spectrum = replace(spectrum, tones=tones, excess=first.excess)
-    return WeightedBins(number, span, used, residual, motion, nuisances, counts, spectrum)
+
+    number: int
+    record: Record
+    predicted: FloatArray
+    turns: float | None = None
+    transfer: Transfer | None = None
+    most_bins: int | None = None
+
+    def at_bins(self) -> _Unread | None:
+        """Return the record by its bins, or None of too few samples.
+
+        Offset, drift and hum are fitted; nothing else is known of a network that runs in time.
+        """
+        record = self.record
+        used = record.mask & np.isfinite(self.predicted)
+        if used.sum() < MIN_SAMPLES:
+            return None
+        span = span_of(used)
+        span = slice(span.start, span.start + fast_below(span.stop - span.start, MAX_LOST))
+        used = used[span]
+        n = used.size
+        measured, modelled = (
+            np.where(used, series[span], 0.0) for series in (record.response, self.predicted)
+        )
+        band = slice(self.most_bins)
+        counts = counts_in_band(n)[band]
+        residual, motion, *columns = fft.rfft(
+            [measured - modelled, modelled, used * 1.0, used * np.linspace(-1.0, 1.0, n)]
+        )[:, band]
+        colour = reference_colour(record, n)
+        colour = colour[band] if isinstance(colour, np.ndarray) else colour
+        through = None
+        if self.transfer is not None:
+            hz = line_frequencies(n, record.sampling_rate_hz)[band]
+            through = colour * power_of(self.transfer(hz))
+        prediction = PredictedMotion(
+            motion,
+            float(used.sum()),
+            int(np.flatnonzero(counts)[-1]),
+            through,
+            colour,
+            lines=None if self.turns is None else harmonic_bins(n, self.turns, counts.size),
+        )
+        unread = _Unread(self, span, used, residual, prediction, np.array(columns), counts)
+        return unread.beside(tuple(hz * n / record.sampling_rate_hz for hz in record.hum_hz))
+
+
+@dataclass(frozen=True, eq=False)
+class _Unread:
+    """A predicted record at its bins, of which the noise is not read yet.
+
+    Attributes:
+        source: the record and its prediction.
+        span: its samples, N in number.
+        used: which of them count, shape (N,).
+        residual: measured less predicted response, shape (K,).
+        motion: as the reading of the noise sees it.
+        nuisances: columns, shape (m, K).
+        counts: how often each bin counts in a sum over all, shape (K,).
+    """
+
+    source: PredictedRecord
+    span: slice
+    used: BoolArray
+    residual: ComplexArray
+    motion: PredictedMotion
+    nuisances: ComplexArray
+    counts: FloatArray
+
+    @property
+    def alike(self) -> tuple[float | bool, ...]:
+        """Return what records have in common whose noise is read together."""
+        record = self.source.record
+        counts = self.used.size, self.counts.size, record.reference_noise_order
+        return record.sampling_rate_hz, *counts, self.source.turns is None
+
+    def beside(self, tones: tuple[float, ...], psd: FloatArray | float = 1.0) -> _Unread:
+        """Return the record with tones, by place in bins, among its nuisances, and free of them.
+
+        ``psd``: noise at each bin that the nuisances are fitted in, shape (K,).
+        """
+        band = slice(self.counts.size)
+        waves_at_bins = fft.rfft(waves(tones, self.used.size) * self.used)[:, band]
+        nuisances = np.concatenate([self.nuisances, waves_at_bins])
+        residual = freed(self.residual, nuisances, self.counts / psd)
+        return replace(self, residual=residual, nuisances=nuisances)
+
+    def in_noise(self, spectrum: NoiseSpectrum) -> WeightedBins:
+        """Return the record in a noise."""
+        return WeightedBins(
+            self.source.number,
+            self.span,
+            self.used,
+            self.residual,
+            self.motion.predicted,
+            self.nuisances,
+            self.counts,
+            spectrum,
+        )
+
+
+def weighted_records(records: Sequence[PredictedRecord]) -> list[WeightedBins]:
+    """Return records by their predicted responses, without those of too few samples.
+
+    The noise of those of one length and rate, which have one transfer, is read at once.
+    """
+    unread = [bins for bins in (record.at_bins() for record in records) if bins is not None]
+    numbers_by_kind = dict[tuple[float | bool, ...], list[int]]()
+    for number, bins in enumerate(unread):
+        numbers_by_kind.setdefault(bins.alike, []).append(number)
+    weighted = dict[int, WeightedBins]()
+    for numbers in numbers_by_kind.values():
+        alike = [unread[number] for number in numbers]
+        weighted |= zip(numbers, _in_noise(alike), strict=True)
+    return [weighted[number] for number in range(len(unread))]
+
+
+def _in_noise(alike: Sequence[_Unread]) -> list[WeightedBins]:
+    """Return records of one length and rate in their noise, read again where hum leaks."""
+    weighted = list[WeightedBins]()
+    for bins, spectrum in zip(alike, _spectra(alike), strict=True):
+        if not spectrum.tones:
+            weighted.append(bins.in_noise(spectrum))
+            continue
+        beside = bins.beside(spectrum.tones, spectrum.psd)
+        (second,) = _spectra([beside])
+        tones = with_tones(spectrum.tones, second.tones)
+        second = replace(second, tones=tones, excess=spectrum.excess)
+        weighted.append(replace(beside, residual=bins.residual).in_noise(second))
+    return weighted
+
+
+def _spectra(alike: Sequence[_Unread]) -> list[NoiseSpectrum]:
+    """Return the noise of the residuals of records of one length and rate."""
+    residuals = np.stack([bins.residual for bins in alike])
+    floors = [noise_floor_of(bins.source.record) ** 2 for bins in alike]
+    return noise_spectra(residuals, [bins.motion for bins in alike], floors)
 
 
 def freed(row: ComplexArray, columns: ComplexArray, weight: FloatArray) -> ComplexArray:

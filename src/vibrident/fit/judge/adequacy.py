@@ -14,10 +14,11 @@ from vibrident.base.errors import InputError
 from vibrident.data.records import FloatArray, Record, SystematicEffect
 from vibrident.fit.decay import decay_deviations
 from vibrident.fit.descent.weighted_bins import (
+    PredictedRecord,
     Transfer,
     WeightedBins,
+    weighted_records,
     weighted_segments,
-    weighted_series,
 )
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.estimators.residual_tones import network_problem, residual_tones
@@ -217,9 +218,8 @@ def weighed_records(
         yield from (bins for bins in segments if bins.record in wanted)
         return
     for number in sorted(wanted):
-        bins = weighted_series(number, evidence.records[number], predicted[number])
-        if bins is not None:
-            yield bins
+        record = PredictedRecord(number, evidence.records[number], predicted[number])
+        yield from weighted_records([record])
 
 
 def _rounding_floor(record: Record, bins: WeightedBins, response: Transfer) -> FloatArray | float:

@@ -14,7 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from vibrident.data.records import FloatArray, Record
-from vibrident.fit.descent.weighted_bins import Transfer, WeightedBins, weighted_series
+from vibrident.fit.departures.signals import BAND_OVER_HIGHEST, MIN_BINS
+from vibrident.fit.descent.weighted_bins import PredictedRecord, Transfer, weighted_records
 from vibrident.fit.noise.tones import RecordTones, with_shared_tones
 from vibrident.fit.response.sine_fit import response_sine, tone_frequency
 
@@ -32,14 +33,18 @@ def with_hum(
         transfer: of the model, by frequency in Hz.
     """
     with_new = list(records)
+    requests = [
+        _request(number, record, series, transfer)
+        for number, (record, series) in enumerate(zip(records, predicted, strict=True))
+        if record.reference is not None
+    ]
     shown: list[tuple[int, RecordTones]] = []
-    for number, (record, series) in enumerate(zip(records, predicted, strict=True)):
-        bins = None if record.reference is None else _bins(number, record, series, transfer)
-        if bins is not None:
-            line_hz = record.sampling_rate_hz / bins.samples
-            # Less than a turn is the nuisance of a drift, and no hum.
-            known = tuple(hz / line_hz for hz in record.hum_hz if hz >= line_hz)
-            shown.append((number, bins.spectrum.record_tones(line_hz, known)))
+    for bins in weighted_records(requests):
+        record = records[bins.record]
+        line_hz = record.sampling_rate_hz / bins.samples
+        # Less than a turn is the nuisance of a drift, and no hum.
+        known = tuple(hz / line_hz for hz in record.hum_hz if hz >= line_hz)
+        shown.append((bins.record, bins.spectrum.record_tones(line_hz, known)))
     tones = with_shared_tones([of_record for _, of_record in shown])
     for (number, of_record), places in zip(shown, tones, strict=True):
         if len(places) > len(of_record.known):
@@ -49,13 +54,14 @@ def with_hum(
     return tuple(with_new)
 
 
-def _bins(
+def _request(
     number: int, record: Record, predicted: FloatArray, transfer: Transfer
-) -> WeightedBins | None:
-    """Return a record beside its prediction, or a sine beside the best one."""
-    turns = None
-    if record.excitation == "sine":
-        turns = tone_frequency(record) / record.sampling_rate_hz
-        if not np.any(np.isfinite(predicted)):
-            predicted = response_sine(record)
-    return weighted_series(number, record, predicted, turns, transfer)
+) -> PredictedRecord:
+    """Return a record beside its prediction, or a sine beside the best one, in its band."""
+    if record.excitation != "sine":
+        return PredictedRecord(number, record, predicted, transfer=transfer)
+    turns = tone_frequency(record) / record.sampling_rate_hz
+    if not np.any(np.isfinite(predicted)):
+        predicted = response_sine(record)
+    bins = max(2 * MIN_BINS, int(BAND_OVER_HIGHEST * turns * record.samples) + 1)
+    return PredictedRecord(number, record, predicted, turns, transfer, bins)

@@ -13,7 +13,7 @@ import numpy as np
 from vibrident.base.amounts import plain
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
-from vibrident.fit.departures.departure import Candidate, Scale, Shape
+from vibrident.fit.departures.departure import Candidate, Shape, Size
 from vibrident.fit.departures.score import Score
 
 
@@ -24,14 +24,13 @@ class Characteristic(Shape):
     code: ClassVar[WarningCode] = "nonlinear"
     turned: ClassVar[bool] = True
 
-    def shapes(
-        self, signal: FloatArray, scale: Scale, largest: FloatArray
-    ) -> Iterable[tuple[str, FloatArray]]:
+    def shapes(self, signal: FloatArray, size: Size) -> Iterable[tuple[str, FloatArray]]:
         """Yield square, cube and sign of the motion, over their size at the largest."""
-        y = signal / scale.motion
-        yield "holds a square of the motion", y * y * scale.motion
-        yield "is bent as by a cube of the motion", y * y * y * scale.motion
-        yield "has a dead band, or a step, around its zero", np.sign(y) * scale.motion
+        motion = size.scale.motion
+        y = signal / motion
+        yield "holds a square of the motion", y * y * motion
+        yield "is bent as by a cube of the motion", y * y * y * motion
+        yield "has a dead band, or a step, around its zero", size.sign(signal) * motion
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
         """Return how much the response is bent, at the largest motion."""

@@ -10,7 +10,7 @@ import numpy as np
 from vibrident.base.amounts import plain
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
-from vibrident.fit.departures.departure import OfReference, Scale
+from vibrident.fit.departures.departure import OfReference, Size
 
 #: Levels over the largest of the record.
 LEVELS = (0.5, 0.8, 0.95)
@@ -24,10 +24,9 @@ class ClippedReference(OfReference):
     name: ClassVar[str] = "clipped-reference"
     code: ClassVar[WarningCode] = "clipped"
 
-    def shapes(
-        self, signal: FloatArray, scale: Scale, largest: FloatArray
-    ) -> Iterable[tuple[str, FloatArray]]:
+    def shapes(self, signal: FloatArray, size: Size) -> Iterable[tuple[str, FloatArray]]:
         """Yield what lies beyond each level."""
+        largest = size.largest
         sentence = "the reference departs {}, as where its channel is overdriven"
         for level in LEVELS:
             words = sentence.format(f"beyond {plain(100.0 * level, 2)} % of its largest")

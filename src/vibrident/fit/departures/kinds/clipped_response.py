@@ -10,7 +10,7 @@ import numpy as np
 from vibrident.base.amounts import plain
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
-from vibrident.fit.departures.departure import Scale, Shape
+from vibrident.fit.departures.departure import Shape, Size
 
 #: Levels over the largest motion: of both sides, and of one.
 LEVELS = (0.5, 0.8, 0.95)
@@ -23,16 +23,15 @@ class ClippedResponse(Shape):
     name: ClassVar[str] = "clipped-response"
     code: ClassVar[WarningCode] = "clipped"
 
-    def shapes(
-        self, signal: FloatArray, scale: Scale, largest: FloatArray
-    ) -> Iterable[tuple[str, FloatArray]]:
+    def shapes(self, signal: FloatArray, size: Size) -> Iterable[tuple[str, FloatArray]]:
         """Yield what lies beyond each level."""
+        motion = size.scale.motion
         for level in LEVELS:
-            limit = level * scale.motion
+            limit = level * motion
             yield _words(level, ""), signal - np.clip(signal, -limit, limit)
         for level in ONE_SIDED_LEVELS:
             for sign, side in ((1.0, " above"), (-1.0, " below")):
-                yield _words(level, side), np.maximum(sign * signal - level * scale.motion, 0.0)
+                yield _words(level, side), np.maximum(sign * signal - level * motion, 0.0)
 
 
 def _words(level: float, side: str) -> str:

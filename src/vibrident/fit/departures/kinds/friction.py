@@ -10,7 +10,7 @@ import numpy as np
 from vibrident.base.amounts import amount
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
-from vibrident.fit.departures.departure import Candidate, Scale, Shape
+from vibrident.fit.departures.departure import Candidate, Scale, Shape, Size
 from vibrident.fit.departures.group import WhitenedGroup
 from vibrident.fit.departures.score import Score
 from vibrident.fit.response.response import ComplexArray
@@ -22,12 +22,10 @@ class Friction(Shape):
     name: ClassVar[str] = "friction"
     code: ClassVar[WarningCode] = "nonlinear"
 
-    def shapes(
-        self, signal: FloatArray, scale: Scale, largest: FloatArray
-    ) -> Iterable[tuple[str, FloatArray]]:
+    def shapes(self, signal: FloatArray, size: Size) -> Iterable[tuple[str, FloatArray]]:
         """Yield the sign of the velocity, per m/s² of deceleration."""
-        if scale.mass is not None:
-            yield "", -np.sign(signal)
+        if size.scale.mass is not None:
+            yield "", -size.sign(signal)
 
     def signal(self, group: WhitenedGroup, scale: Scale) -> FloatArray:
         """Return the velocity of the mass, shape (R, L)."""

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import ClassVar
 
-import numpy as np
-
 from vibrident.base.amounts import plain
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
-from vibrident.fit.departures.departure import Candidate, OfReference, Scale
+from vibrident.fit.departures.departure import Candidate, OfReference, Size
 from vibrident.fit.departures.score import Score
 
 
@@ -20,11 +18,9 @@ class ReferenceDeadBand(OfReference):
     name: ClassVar[str] = "reference-dead-band"
     code: ClassVar[WarningCode] = "nonlinear"
 
-    def shapes(
-        self, signal: FloatArray, scale: Scale, largest: FloatArray
-    ) -> Iterable[tuple[str, FloatArray]]:
+    def shapes(self, signal: FloatArray, size: Size) -> Iterable[tuple[str, FloatArray]]:
         """Yield the sign of the motion, per unit of the reference."""
-        yield "", np.sign(signal)
+        yield "", size.sign(signal)
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
         """Return how wide the dead band is."""

@@ -10,7 +10,7 @@ import numpy as np
 from vibrident.base.amounts import plain
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
-from vibrident.fit.departures.departure import Candidate, Scale, Shape
+from vibrident.fit.departures.departure import Candidate, Scale, Shape, Size
 from vibrident.fit.departures.group import WhitenedGroup
 from vibrident.fit.departures.points import Point, PointsPart
 from vibrident.fit.departures.score import Score
@@ -23,16 +23,15 @@ class Spring(Shape):
     name: ClassVar[str] = "spring"
     code: ClassVar[WarningCode] = "nonlinear"
 
-    def shapes(
-        self, signal: FloatArray, scale: Scale, largest: FloatArray
-    ) -> Iterable[tuple[str, FloatArray]]:
+    def shapes(self, signal: FloatArray, size: Size) -> Iterable[tuple[str, FloatArray]]:
         """Yield square and cube of the motion."""
-        y = signal / scale.motion
+        motion = size.scale.motion
+        y = signal / motion
         yield (
             "is bent as by a spring that is stiffer on one side of its rest point",
-            y * y * scale.motion,
+            y * y * motion,
         )
-        yield "is bent as by a spring that is not linear", y * y * y * scale.motion
+        yield "is bent as by a spring that is not linear", y * y * y * motion
 
     def answer(self, group: WhitenedGroup, scale: Scale) -> ComplexArray:
         """Return the sensor's transfer function over its largest size, shape (R, K)."""
