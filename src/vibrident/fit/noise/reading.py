@@ -30,7 +30,7 @@ from vibrident.fit.noise.shapes import (
     no_input_noise,
     noise_of_shapes,
 )
-from vibrident.fit.noise.surroundings import level_of_noise
+from vibrident.fit.noise.surroundings import level_of_noise, with_resonances
 from vibrident.fit.noise.tones import tone_excess, tones_of
 from vibrident.fit.response.transform import MIN_SPECTRUM_SAMPLES, power_of
 
@@ -151,13 +151,14 @@ def _read(rows: Residuals, last: int, colour: FloatArray | float) -> GroupNoise:
     shape, input_noise = noise_of_shapes(rows, incoherent, log_through, last)
     relative = np.divide(incoherent.power, shape, out=incoherent.power)
     smooth = level_of_noise(relative, incoherent.freedom)
-    hum = relative > OUTSTANDING_RATIO * smooth
-    hum &= ~lines
-    psd = shape * smooth
-    beside_tones = rows.residual, incoherent.noise, psd * count, lines
+    beside_tones = rows.residual, incoherent.noise, shape * smooth * count, lines
     tones = tones_of(*beside_tones)
     has_tones = any(tones) or any(rows.tones or ())
     excess = tone_excess(*beside_tones) if has_tones else None
+    smooth = with_resonances(smooth, relative, incoherent.freedom)
+    hum = relative > OUTSTANDING_RATIO * smooth
+    hum &= ~lines
+    psd = shape * smooth
     np.multiply(shape, relative, out=psd, where=hum)
     np.maximum(psd, rows.floor[:, None], out=psd)
     if rows.fitted is not None:

@@ -9,6 +9,7 @@ McCullagh & Nelder 1989, ch. 8), and between the places it is interpolated.
 from __future__ import annotations
 
 import functools
+from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ from vibrident.fit.noise.averages import (
     level_around,
     mean_around,
 )
+from vibrident.fit.response.verdict import REJECTION
 
 #: Powers beyond this many times the level are no noise: one of 22,000 white ones is.
 MAX_POWER_RATIO = 10.0
@@ -31,6 +33,8 @@ MIN_FREEDOM = 1e-3
 #: Bins on either side are at most this fraction of the number of a bin: within them noise is not
 #: steep.
 MAX_WIDTH_FRACTION = 1 / 4
+#: Bins on either side over which a resonance of the noise shows.
+RESONANCE_BINS = 8
 #: Places at which a power of frequency is fitted.
 PLACES = 14
 #: Steps to the maximum likelihood.
@@ -93,6 +97,34 @@ def level_of_noise(relative: FloatArray, freedom: FloatArray) -> FloatArray:
     smooth[:, 1 : low.shape[1] + 1] = low
     smooth[:, 0] = smooth[:, 1]
     return smooth
+
+
+def with_resonances(level: FloatArray, relative: FloatArray, freedom: FloatArray) -> FloatArray:
+    """Return the level, raised where noise has a resonance that is narrower than the mean around.
+
+    There the mean over the nearest bins exceeds the level beyond chance, and is the level from
+    where it rises above it to where it falls below. The chance is that of a χ² over its degrees of
+    freedom, by its cube root (Wilson & Hilferty 1931).
+
+    Args:
+        level: by :func:`level_of_noise`, shape (R, K).
+        relative: powers, shape (R, K).
+        freedom: means of these where noise has the power one, shape (R, K).
+    """
+    weight = np.maximum(mean_around(freedom, RESONANCE_BINS), MIN_FREEDOM)
+    near = mean_around(relative / level, RESONANCE_BINS) / weight
+    count = 2.0 * (RESONANCE_BINS - NEAREST_BINS) * weight
+    deviations = 3.0 * np.sqrt(count) * (np.cbrt(near) - 1.0) + 1.0 / (3.0 * np.sqrt(count))
+    resonant = deviations > NormalDist().inv_cdf(1.0 - REJECTION / level.shape[1])
+    if not resonant.any():
+        return level
+    above = near > 1.0
+    changes = np.diff(above, axis=1, prepend=~above[:, :1])
+    run = np.cumsum(changes.ravel()).reshape(above.shape)
+    holds_resonance = np.zeros(run[-1, -1] + 1, dtype=bool)
+    holds_resonance[run[resonant]] = True
+    mean_of_inverse = count / np.maximum(count - 1.0, 1.0)
+    return np.where(holds_resonance[run], near * mean_of_inverse, 1.0) * level
 
 
 def _lowest(power: FloatArray, freedom: FloatArray) -> FloatArray:

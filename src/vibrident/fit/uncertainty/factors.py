@@ -41,6 +41,8 @@ MAX_DEVIATION = 0.5
 MIN_EIGENVALUE_RATIO = 1e-3
 #: Share of the noise's degrees of freedom that the projection of the motion leaves: 21 of 24 bins.
 FREE_SHARE = 0.875
+#: Doubt of the part of the noise that is the reference's: half of none to all.
+SHARE_DOUBT = 0.5
 #: Half-overlapping stretches of a record over which the motion of its bands is followed.
 STRETCHES = 15
 
@@ -126,6 +128,8 @@ def band_factors(
     variance_limit = np.maximum(variance_limit, MIN_RELATIVE_DEVIATION**2 * strongest)
     variance_limit /= np.where(shows, power, 1.0)
     variance_raised = np.maximum(variance * power_ratio, variance_limit)
+    bias = _bias(bins, band_sums(counted, edges), np.where(shows, 0.5 * trace, 1.0))
+    variance_raised += 0.5 * bias**2
     squares *= variance / variance_raised
     place = moment / np.maximum(power, 1e-300)
     freedom = np.full(len(rho), steadiness * noise_freedom(bins))
@@ -138,6 +142,23 @@ def band_factors(
         freedom[shows],
         unweighted[shows],
     )
+
+
+def _bias(bins: WeightedBins, count: FloatArray, information: FloatArray) -> FloatArray:
+    """Return the standard deviation of a factor's real part by its bias, shape (bands,).
+
+    Noise of the reference that the most likely motion still holds is in the residual, too. Where
+    the part of the noise that is the reference's is off by ε, each bin adds −ε to the score. At a
+    single bin no shape tells that part, which is between none and all.
+
+    Args:
+        bins: of the record.
+        count: number of bins that count in each band, twice those inside, shape (bands,).
+        information: of the factor's real part, shape (bands,).
+    """
+    if bins.spectrum.input_noise == 0.0:
+        return np.zeros(len(count))
+    return SHARE_DOUBT * count / information
 
 
 def noise_freedom(bins: WeightedBins) -> float:
