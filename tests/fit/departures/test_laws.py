@@ -13,6 +13,7 @@ from tests.support.random_record import SAMPLES, TRUTH, calibration, motion
 import vibrident
 from vibrident.data.records import Calibration, Record
 from vibrident.fit.departures import examination, sources
+from vibrident.fit.departures.departure import Scale, Size
 from vibrident.fit.departures.group import WhitenedGroup
 from vibrident.fit.departures.rows import orthonormal, without
 from vibrident.fit.departures.score import LinearFit, shifts_beside
@@ -38,6 +39,7 @@ def linear_group(rng: np.random.Generator, bins: int, extra: np.ndarray, records
         predicted=ones,
         likely=ones,
         motion=np.zeros((records, 2 * bins + 2)),
+        input_share=np.zeros((records, bins)),
         transfer=ones,
         slopes=np.zeros((records, 2, bins), complex),
         gain=ones.real,
@@ -419,6 +421,32 @@ def test_what_a_departure_moves_is_seen_in_the_digits() -> None:
     (said,) = [one.message for one in result.warnings if one.code == "regimes"]
     without, stated = re.findall(r"would be (\S+) \S+ in place of (\S+) ", said)[0]
     assert without != stated
+
+
+def test_the_sign_of_noise_is_no_dead_band() -> None:
+    """Behind a shock the noise of a displacement reverses the sign, and is in the residual.
+
+    Of eight such calibrations four had friction or a dead band.
+    """
+    names = [
+        "noises/strong brown, response white/displacement/shock|186",
+        "noises/reference brown, response pink/displacement/shock|186",
+        "noises/strong pink, response white/velocity/burst|187",
+        "noises/strong brown, response white/displacement/shock|189",
+    ]
+    for name, _, run in (entry.partition("|") for entry in names):
+        assert judged(BY_NAME[name].trial(int(run)))["class"] == "right", name
+
+
+def test_a_sign_is_known_beyond_the_noise() -> None:
+    """Four standard deviations: white noise of that size has a sign in one of 16,000 samples."""
+    scale = Scale(1.0, (0.0, 1.0), 1, narrow=False)
+    noise = np.random.default_rng(1).standard_normal((1, 200_000))
+    size = Size(scale, np.ones((1, 1)), np.ones((1, 1)))
+    assert np.mean(size.sign(noise) != 0.0) < 1e-4
+    assert np.all(size.sign(noise + 10.0) == 1.0)
+    without_noise = size._replace(noise=np.zeros((1, 1)))
+    np.testing.assert_array_equal(without_noise.sign(noise), np.sign(noise))
 
 
 @pytest.mark.parametrize("friction", [0.02, 0.05])

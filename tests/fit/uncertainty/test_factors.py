@@ -10,7 +10,7 @@ from bench.adversary.cases import BY_NAME
 
 import vibrident
 from vibrident.data.records import Record
-from vibrident.fit.descent.weighted_bins import WeightedBins, weighted_series
+from vibrident.fit.descent.weighted_bins import PredictedRecord, WeightedBins, weighted_records
 from vibrident.fit.response.transform import about_mean
 from vibrident.fit.uncertainty.explained import powers, shares_of
 from vibrident.fit.uncertainty.factors import band_factors
@@ -22,9 +22,8 @@ MOTIONS = ("random", "sweep", "multisine", "shock")
 
 def weighed(record: Record, predicted: np.ndarray) -> WeightedBins:
     """A record beside its prediction, weighted by the noise that it shows."""
-    found = weighted_series(0, record, predicted)
-    assert found is not None
-    return found
+    (bins,) = weighted_records([PredictedRecord(0, record, predicted)])
+    return bins
 
 
 def factors(record: Record, predicted: np.ndarray, *, sine: bool = False):

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.noise.averages import level_around, log_power
-from vibrident.fit.noise.projection import BLOCK_BINS, RIDGE, without_common
+from vibrident.fit.noise.projection import RIDGE, without_common
 from vibrident.fit.noise.residuals import Residuals
 from vibrident.fit.noise.surroundings import MIN_FREEDOM
 from vibrident.fit.response.response import ComplexArray
@@ -17,8 +17,8 @@ from vibrident.fit.response.transform import power_of
 
 #: A bin holds motion where the power of the measured response is so many times the noise.
 HEARD_RATIO = 10.0
-#: So many bins of a block that are heard only once a misfit is removed are no chance.
-MAX_NEWLY_HEARD = 6
+#: Most estimates again: each lowers the level by what a misfit added to it.
+MAX_REPEATS = 4
 
 
 class Incoherent(NamedTuple):
@@ -42,8 +42,8 @@ def incoherent_component(rows: Residuals, log_through: FloatArray | None) -> Inc
     reference behind the sensor, whichever is more: beside a resonance noise of the reference falls
     steeply, and its level there is far above a mean over the bins around. That level also whitens
     the noise of each block, which is steep in the lowest. Of a residual that is mostly misfit it is
-    too high at first, so records in which more is heard once the misfit is removed are estimated
-    again.
+    too high at first, so records in which a bin that is heard only once the misfit is removed holds
+    more than noise are estimated again.
     """
     if rows.reference is None:
         motions = [rows.predicted]
@@ -52,13 +52,13 @@ def incoherent_component(rows: Residuals, log_through: FloatArray | None) -> Inc
         motions = [rows.reference, rows.predicted if rows.passed is None else rows.passed]
         measured = power_of(rows.predicted + rows.residual)
     measured[:, 0] = 0.0
-    steep: FloatArray | float = 0.0
+    steep = np.zeros((1, 1))
     if log_through is not None:
         steep = np.maximum(log_through - level_around(log_through), 0.0)
 
-    def threshold(power: FloatArray) -> FloatArray:
+    def threshold(power: FloatArray, records: NDArray[np.int_] | None = None) -> FloatArray:
         level = level_around(log_power(power))
-        level += steep
+        level += steep if records is None or len(steep) == 1 else steep[records]
         level += np.euler_gamma
         return np.exp(level, out=level)
 
@@ -81,15 +81,19 @@ def incoherent_component(rows: Residuals, log_through: FloatArray | None) -> Inc
         return projected(slice(None), rows.heard, level)
     heard = measured > HEARD_RATIO * level
     incoherent = projected(slice(None), heard, level)
-    # Where no freedom remains, only rounding does: less than the ridge.
-    power = np.maximum(incoherent.power, RIDGE * power_of(rows.residual))
-    level = threshold(power / np.maximum(incoherent.freedom, MIN_FREEDOM))
-    heard_now = measured > HEARD_RATIO * level
-    blocks = np.arange(1, level.shape[1], BLOCK_BINS)
-    newly_heard = np.add.reduceat(heard_now & ~heard, blocks, axis=1)
-    repeated = np.flatnonzero(np.any(newly_heard >= MAX_NEWLY_HEARD, axis=1))
-    if repeated.size:
-        second = projected(repeated, heard_now[repeated], level[repeated])
-        for array, rows_again in zip(incoherent, second, strict=True):
+    repeated = np.arange(len(heard))
+    for _ in range(MAX_REPEATS):
+        # Where no freedom remains, only rounding does: less than the ridge.
+        power = np.maximum(incoherent.power, RIDGE * power_of(rows.residual))[repeated]
+        level = threshold(power / np.maximum(incoherent.freedom[repeated], MIN_FREEDOM), repeated)
+        heard_now = measured[repeated] > HEARD_RATIO * level
+        holds_misfit = heard_now & ~heard[repeated] & (power > HEARD_RATIO * level)
+        again = np.any(holds_misfit, axis=1)
+        if not again.any():
+            break
+        repeated = repeated[again]
+        heard[repeated] = heard_now[again]
+        next_component = projected(repeated, heard[repeated], level[again])
+        for array, rows_again in zip(incoherent, next_component, strict=True):
             array[repeated] = rows_again
     return incoherent

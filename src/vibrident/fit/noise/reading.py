@@ -155,7 +155,8 @@ def _read(rows: Residuals, last: int, colour: FloatArray | float) -> GroupNoise:
     tones = tones_of(*beside_tones)
     has_tones = any(tones) or any(rows.tones or ())
     excess = tone_excess(*beside_tones) if has_tones else None
-    smooth = with_resonances(smooth, relative, incoherent.freedom)
+    if rows.lines is None:  # harmonics of a sine leak over as many bins
+        smooth = with_resonances(smooth, relative, incoherent.freedom)
     hum = relative > OUTSTANDING_RATIO * smooth
     hum &= ~lines
     psd = shape * smooth

@@ -19,6 +19,7 @@ from vibrident.data.records import FloatArray
 from vibrident.data.records.basis import distinct
 from vibrident.fit.noise.averages import (
     MIN_AVERAGED_BINS,
+    MIN_POWER,
     NEAREST_BINS,
     averaged_bins,
     level_around,
@@ -102,9 +103,9 @@ def level_of_noise(relative: FloatArray, freedom: FloatArray) -> FloatArray:
 def with_resonances(level: FloatArray, relative: FloatArray, freedom: FloatArray) -> FloatArray:
     """Return the level, raised where noise has a resonance that is narrower than the mean around.
 
-    There the mean over the nearest bins exceeds the level beyond chance, and is the level from
-    where it rises above it to where it falls below. The chance is that of a χ² over its degrees of
-    freedom, by its cube root (Wilson & Hilferty 1931).
+    There the mean over the nearest bins exceeds the level by more than chance makes it at one bin
+    of a thousand, and is the level from where it rises above it to where it falls below. The chance
+    is that of a χ² over its degrees of freedom, by its cube root (Wilson & Hilferty 1931).
 
     Args:
         level: by :func:`level_of_noise`, shape (R, K).
@@ -112,10 +113,10 @@ def with_resonances(level: FloatArray, relative: FloatArray, freedom: FloatArray
         freedom: means of these where noise has the power one, shape (R, K).
     """
     weight = np.maximum(mean_around(freedom, RESONANCE_BINS), MIN_FREEDOM)
-    near = mean_around(relative / level, RESONANCE_BINS) / weight
+    near = mean_around(relative / np.maximum(level, MIN_POWER), RESONANCE_BINS) / weight
     count = 2.0 * (RESONANCE_BINS - NEAREST_BINS) * weight
     deviations = 3.0 * np.sqrt(count) * (np.cbrt(near) - 1.0) + 1.0 / (3.0 * np.sqrt(count))
-    resonant = deviations > NormalDist().inv_cdf(1.0 - REJECTION / level.shape[1])
+    resonant = deviations > NormalDist().inv_cdf(1.0 - REJECTION)
     if not resonant.any():
         return level
     above = near > 1.0
