@@ -24,7 +24,7 @@ MIN_INFORMATION_BEYOND = 100.0
 #: Fewest bins of a band, if there are so many: they determine the noise and its slow changes.
 MIN_BINS = 512
 #: Records whose bands differ by less than this factor are worked on side by side.
-MAX_BAND_RATIO = 1.5
+MAX_BAND_RATIO = 4.0
 #: So many samples are worked on at once.
 MAX_SAMPLES_AT_ONCE = 1 << 18
 
