@@ -259,3 +259,11 @@ def test_bins_that_do_not_count_have_no_say(rng):
     expected, among_wild = (band_factors(each, sine=False) for each in (limited, wild))
     np.testing.assert_allclose(among_wild.rho, expected.rho)
     np.testing.assert_allclose(among_wild.squares, expected.squares)
+
+
+def test_sines_of_less_than_a_period_do_not_hide_what_the_others_show() -> None:
+    """The amplitude of 0.8 periods may be of any size: a right model explained 3 %."""
+    trial = BY_NAME["extreme/0.8 periods/below-damped"].trial(153)
+    fit = vibrident.identify(trial.calibration(), model=trial.model).fit
+    assert fit.explained > 0.99
+    assert fit.coherent > 0.99

@@ -274,11 +274,16 @@ def _earlier(series: NDArray[Any], span: slice, late: int) -> NDArray[Any]:
 
 
 def _powers_of_tones(tones: MeasuredResponse, response: Transfer) -> FloatArray:
-    """Return the sines' summands of the shares of the response's power."""
+    """Return the sines' summands of the shares of the response's power; all noise is incoherent.
+
+    A sine counts as far as its amplitude is no noise: that of less than a period may be of any
+    size.
+    """
     residual = tones.response - response(tones.frequency_hz) * tones.reference
-    return _sum_powers(
-        power_of(tones.response), power_of(residual), 2.0 * tones.error_deviation(response) ** 2
-    )
+    power = power_of(tones.response)
+    noise = 2.0 * tones.error_deviation(response) ** 2
+    known = np.maximum(1.0 - noise / np.maximum(power, np.finfo(float).tiny), 0.0)
+    return _sum_powers(known * power, known * power_of(residual), known * noise)
 
 
 def _sum_powers(power: FloatArray, residual_power: FloatArray, noise: FloatArray) -> FloatArray:
