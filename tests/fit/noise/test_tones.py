@@ -39,6 +39,20 @@ def test_there_are_no_more_than_are_looked_for():
 RECORDS, BINS = 8, 500
 
 
+def test_a_tone_shows_where_the_motion_leaves_no_freedom():
+    """A block of three loud bins is explained whole: a harmonic of the mains there was none."""
+    residual = np.ones(BINS, complex)
+    residual[40] = 4.0
+    noise = residual.copy()
+    noise[38:42] = 0.0
+    freedom = np.where(noise == 0.0, 0.0, 1.0)
+    noise[80] *= 0.5  # half of a tone's amplitude, where the motion takes half of a bin
+    freedom[80] = 0.5
+    excess = tone_excess(residual, noise, np.ones(BINS), np.zeros(BINS, dtype=bool), freedom)
+    assert excess[40] == pytest.approx(16.0)
+    assert excess[80] == pytest.approx(1.0)
+
+
 def beside_white_noise(places, bin_hz=1.0, excess=None):
     """A record with these tones, which shows no others."""
     return RecordTones(places, (), np.zeros(BINS) if excess is None else excess, bin_hz, BINS)
@@ -91,7 +105,7 @@ def tones_beside(fundamental, amplitude, rng, bin_hz=(1.0,) * RECORDS):
         offset = np.arange(BINS) - 3.0 * 33.4 / width
         phase = np.exp(2j * np.pi * rng.random())
         residual = noise + amplitude * phase * np.sinc(offset) * np.exp(-1j * np.pi * offset)
-        excess = tone_excess(residual, residual, np.ones(BINS), np.zeros(BINS, dtype=bool))
+        excess = tone_excess(residual, residual, np.ones(BINS), np.zeros(BINS, dtype=bool), np.ones(BINS))
         records.append(RecordTones(((fundamental + 0.03 * rng.normal()) / width,), (), excess, width, BINS))
     return [
         tuple(set(places) - set(record.known))

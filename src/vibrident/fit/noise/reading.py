@@ -154,7 +154,7 @@ def _read(rows: Residuals, last: int, colour: FloatArray | float) -> GroupNoise:
     beside_tones = rows.residual, incoherent.noise, shape * smooth * count, lines
     tones = tones_of(*beside_tones)
     has_tones = any(tones) or any(rows.tones or ())
-    excess = tone_excess(*beside_tones) if has_tones else None
+    excess = tone_excess(*beside_tones, incoherent.freedom) if has_tones else None
     if rows.lines is None:  # harmonics of a sine leak over as many bins
         smooth = with_resonances(smooth, relative, incoherent.freedom)
     hum = relative > OUTSTANDING_RATIO * smooth

@@ -30,6 +30,8 @@ MAX_TONES = 16
 HARMONICS = (2, 3, 4, 5)
 #: … and of those whose fundamental may hide in a resonance.
 HIDDEN_ORDERS = (2, 3)
+#: Least share of freedom of a bin whose tone shows beside the motion.
+MIN_TONE_FREEDOM = 0.1
 #: A sensor rings in step with a tone where its |H|² is so many times that around.
 RINGING_RATIO = 4.0
 #: Tones nearer than so many bins are one: a record of this length cannot separate nearer ones.
@@ -73,13 +75,29 @@ def tones_of(
 
 
 def tone_excess(
-    residual: ComplexArray, noise: ComplexArray, level: FloatArray, moved: BoolArray
+    residual: ComplexArray,
+    noise: ComplexArray,
+    level: FloatArray,
+    moved: BoolArray,
+    freedom: FloatArray,
 ) -> FloatArray:
     """Return by how much a tone may exceed the noise at each bin, shape (R, K); one is no tone.
 
-    Arguments are those of :func:`tones_of`.
+    Of a tone at one bin the projection off the motion leaves its share of freedom. Where that is
+    none, the residual alone tells.
+
+    Args:
+        residual: as of :func:`tones_of`, as are ``noise``, ``level`` and ``moved``.
+        noise: shape (R, K).
+        level: shape (R, K).
+        moved: shape (R, K).
+        freedom: share of the noise of each bin that the projection leaves, shape (R, K).
     """
-    excess = np.minimum(power_of(residual), power_of(noise)) / np.maximum(level, MIN_POWER)
+    power = power_of(residual)
+    before_projection = np.divide(
+        power_of(noise), freedom**2, out=power.copy(), where=freedom > MIN_TONE_FREEDOM
+    )
+    excess = np.minimum(power, before_projection) / np.maximum(level, MIN_POWER)
     return np.where(moved, 0.0, excess)
 
 
