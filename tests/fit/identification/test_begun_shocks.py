@@ -92,13 +92,7 @@ def test_ringing_is_no_second_clock():
     [
         ("quantities/displacement/velocity-pickup+highpass/shock running", 96),
         ("quantities/displacement/accelerometer+delay/shock running", 98),
-        pytest.param(
-            "noises/strong ar2, response ar2/displacement/burst running",
-            96,
-            marks=pytest.mark.xfail(
-                strict=True, reason="coloured noise in a resonance narrower than a level is read over"
-            ),
-        ),
+        ("noises/strong ar2, response ar2/displacement/burst running", 96),
         pytest.param("clean/in-light/shock/hum 1 %", 98, marks=pytest.mark.slow),
         ("clean/in-light+delay=40/sweep/8 bit", 96),
     ],

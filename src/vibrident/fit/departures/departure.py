@@ -187,7 +187,7 @@ class WithoutMotion(Departure):
 
 
 class Size(NamedTuple):
-    """What functions of a signal are relative to.
+    """Sizes that functions of a signal are relative to.
 
     Attributes:
         scale: of all records.

@@ -163,7 +163,9 @@ class PredictedRecord:
             lines=None if self.turns is None else harmonic_bins(n, self.turns, counts.size),
         )
         unread = _Unread(self, span, used, residual, prediction, np.array(columns), counts)
-        return unread.beside(tuple(hz * n / record.sampling_rate_hz for hz in record.hum_hz))
+        return unread.freed_of_tones(
+            tuple(hz * n / record.sampling_rate_hz for hz in record.hum_hz)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +197,7 @@ class _Unread:
         counts = self.used.size, self.counts.size, record.reference_noise_order
         return record.sampling_rate_hz, *counts, self.source.turns is None
 
-    def beside(self, tones: tuple[float, ...], psd: FloatArray | float = 1.0) -> _Unread:
+    def freed_of_tones(self, tones: tuple[float, ...], psd: FloatArray | float = 1.0) -> _Unread:
         """Return the record with tones, by place in bins, among its nuisances, and free of them.
 
         ``psd``: noise at each bin that the nuisances are fitted in, shape (K,).
@@ -243,11 +245,11 @@ def _in_noise(alike: Sequence[_Unread]) -> list[WeightedBins]:
         if not spectrum.tones:
             weighted.append(bins.in_noise(spectrum))
             continue
-        beside = bins.beside(spectrum.tones, spectrum.psd)
-        (second,) = _spectra([beside])
+        without_hum = bins.freed_of_tones(spectrum.tones, spectrum.psd)
+        (second,) = _spectra([without_hum])
         tones = with_tones(spectrum.tones, second.tones)
         second = replace(second, tones=tones, excess=spectrum.excess)
-        weighted.append(replace(beside, residual=bins.residual).in_noise(second))
+        weighted.append(replace(without_hum, residual=bins.residual).in_noise(second))
     return weighted
 
 
