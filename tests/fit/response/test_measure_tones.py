@@ -199,6 +199,16 @@ def test_a_slow_tone_is_as_uncertain_as_slow_noise_makes_it(exponent, periods, r
     assert 0.5 < np.mean(squares) < 2.5  # a variance of few lines scatters, and its inverse has a larger mean
 
 
+@pytest.mark.parametrize("periods", [12.4, 49.7])
+@pytest.mark.draws(150, 400)
+def test_as_much_leaks_into_a_tone_as_into_the_lines_beside_it(periods, rng, draws):
+    """The ends of a random walk differ: under a window its variance was stated a third too small."""
+    samples = 1000
+    values, stated = monte_carlo(periods * RATE / samples, samples, falling, rng, draws)
+    scatter = np.mean(np.abs(values) ** 2) / 2
+    assert scatter / np.mean(stated) < 1.0 + 3.0 / np.sqrt(draws)
+
+
 @pytest.mark.draws(100, 300)
 def test_degrees_of_freedom_of_the_variance(rng, draws):
     """var(s²)/E(s²)² = 2/ν for white noise, within three standard errors (relative √(2/N), and kurtosis)."""

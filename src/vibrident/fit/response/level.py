@@ -29,8 +29,6 @@ EXPONENTS = np.array([0.0, -1.0, -2.0])
 MIN_COLOUR_RATIO = 1.6
 #: Log-likelihood by which colour must exceed white noise (two more parameters: Akaike 1974).
 MIN_COLOUR_GAIN = 2.0
-#: Neighbouring lines of a windowed spectrum are correlated, which widens statistics by this factor.
-CORRELATION_FACTOR = 1.394
 #: The noise of the channels explains Y − H X up to this excess of the likeliest level's
 #: log-likelihood.
 MAX_MISFIT = 4.0
@@ -70,9 +68,9 @@ def level_at_tone(
         emphasis = weight * np.maximum(ratio, 1e-6) ** -slope
         products = emphasis * np.abs(lines[0]) * np.abs(lines[1])
         spread = np.sqrt(0.5 * np.sum(products**2, axis=1))
-        fits &= np.sum(
-            emphasis * common, axis=1
-        ) < MAX_CORRELATION_DEVIATIONS * CORRELATION_FACTOR * np.maximum(spread, 1e-300)
+        fits &= np.sum(emphasis * common, axis=1) < MAX_CORRELATION_DEVIATIONS * np.maximum(
+            spread, 1e-300
+        )
     return np.where(fits, response_at_tone + reference_at_tone * through_tone, likeliest_at_tone)
 
 
@@ -132,11 +130,8 @@ def levels(
 
 
 def _gain(power: FloatArray, mean: FloatArray, rival: FloatArray, weight: FloatArray) -> FloatArray:
-    """Return the log-likelihood ratio of two means of exponentially distributed powers, shape (n,).
-
-    It is reduced, as neighbouring lines of a windowed spectrum are not independent.
-    """
+    """Return the log-likelihood ratio of two means of exponentially distributed powers, (n,)."""
     mean = np.maximum(mean, 1e-300)
     rival = np.maximum(rival, 1e-300)
     gains = weight * (np.log(rival / mean) + power / rival - power / mean)
-    return np.sum(gains, axis=1) / CORRELATION_FACTOR**2
+    return np.asarray(np.sum(gains, axis=1))

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.records.basis import span_of
 from vibrident.fit.response.terms import Terms, TermTable
-from vibrident.fit.response.transform import hann
+from vibrident.fit.response.transform import power_of
 
-#: Noise lines lie at least this many Hann main-lobe bins from the tone …
+#: Noise lines lie at least this many bins from the tone …
 GUARD_BINS = 3
 #: … but no more than this fraction of its place, …
 MAX_GUARD_FRACTION = 0.4
@@ -28,7 +28,7 @@ MIN_NOISE_FRACTION = 0.5
 
 
 def noise_fraction(terms: Terms, mask: BoolArray) -> FloatArray:
-    """Return the fraction of white noise that the fit leaves of each windowed line, shape (lines,).
+    """Return the fraction of white noise that the fit leaves of each line, shape (lines,).
 
     In few periods, harmonics, offset and free response take nearly all of the lines beside the
     tone. In a long record they take the same of all.
@@ -37,13 +37,10 @@ def noise_fraction(terms: Terms, mask: BoolArray) -> FloatArray:
     if mask.size > MAX_SHORT_SAMPLES or not isinstance(terms, TermTable):
         return np.broadcast_to(max(count - len(terms.gram), 1.0) / count, mask.size // 2 + 1)
     design = np.zeros((len(terms.gram), mask.size))
-    window = hann(mask.size) * mask
     design[:, span_of(mask)] = terms.rows
     left_vectors, singular_values, _ = np.linalg.svd(design.T, full_matrices=False)
     basis = left_vectors[:, singular_values > 1e-5 * singular_values[0]].T
-    fitted_fraction = np.sum(
-        np.abs(np.asarray(fft.rfft(basis * window, axis=1))) ** 2, axis=0
-    ) / np.sum(window**2)
+    fitted_fraction = np.sum(power_of(fft.rfft(basis, axis=1)), axis=0) / count
     return np.maximum(1.0 - fitted_fraction, 1e-3)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy import fft
 from numpy.typing import NDArray
 
-from vibrident.data.records import BoolArray, FloatArray, Record
+from vibrident.data.records import FloatArray, Record
 from vibrident.data.records.basis import span_of
 from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.response.noise_lines import MAX_SHORT_SAMPLES, noise_fraction, noise_lines
@@ -29,11 +29,9 @@ from vibrident.fit.response.terms import (
     TermTable,
     fitted,
 )
-from vibrident.fit.response.transform import hann, waves
+from vibrident.fit.response.transform import waves
 
 HARMONICS = 5
-#: Correlation of neighbouring lines of a Hann-windowed spectrum, Σ ρ²: K lines are worth K/1.94.
-HANN_CORRELATION = 1.0 + 2.0 * (4.0 / 9.0 + 1.0 / 36.0)
 #: Where samples are left out, harmonics are fitted if they raise the variance of the tone by at
 #: most this factor …
 MAX_VARIANCE_FACTOR = 1.3
@@ -128,11 +126,9 @@ def _fit(
     if key not in reference_fits:
         reference_fits[key] = _Fit.of(tone_terms, "reference", record, raw, frequency, line_numbers)
     fits = reference_fits[key], response
-    # White noise of variance σ² has E|line|² = σ² Σw² and gives the real part of the amplitude the
+    # White noise of variance σ² has E|line|² = N σ² and gives the real part of the amplitude the
     # variance 2 σ²/N.
-    scale = np.sqrt(
-        2.0 / (np.sum(_window(mask) ** 2) * max(count, 1.0)) * _variance_factor(terms.gram, count)
-    )
+    scale = np.sqrt(2.0 * _variance_factor(terms.gram, count)) / max(count, 1.0)
     lines = [
         scale * fit.lines / np.sqrt(fraction[line_numbers])
         for fit, fraction in zip(fits, fractions, strict=True)
@@ -150,7 +146,7 @@ def _fit(
         lines[0][None, :],
         lines[1][None, :],
         np.ones((1, line_numbers.size)),
-        np.array([min(2.0 * line_numbers.size / HANN_CORRELATION, freedom)]),
+        np.array([min(2.0 * line_numbers.size, freedom)]),
         np.array([index]),
         np.array([distortion]),
         np.array([[fit.rounding for fit in fits]]),
@@ -163,7 +159,8 @@ class _Fit:
 
     Attributes:
         amplitudes: complex, those of the harmonics first, shape (terms // 2,).
-        lines: of the windowed residual, at the noise lines beside the tone, shape (K,).
+        lines: of the residual, at the noise lines beside the tone, shape (K,). No window reduces
+            what leaks into them from the ends of the record: as much leaks into the tone.
         rounding: variance of the tone's real part by a converter's errors that return each period.
     """
 
@@ -204,19 +201,13 @@ class _Fit:
         rounding = returning_error(
             np.asarray(getattr(raw, channel)), raw.mask, turns, residual[raw.mask]
         )
-        lines = fft.rfft(residual * _window(mask))
-        return cls(amplitudes, lines[line_numbers], rounding)
+        return cls(amplitudes, fft.rfft(residual)[line_numbers], rounding)
 
 
 #: Fits of the reference of records as they were measured, by frequency, span and number of terms.
 _REFERENCE_FITS: WeakKeyDictionary[Record, dict[tuple[float, int, int, int], _Fit]] = (
     WeakKeyDictionary()
 )
-
-
-def _window(mask: BoolArray) -> FloatArray:
-    """Return Hann's window, zero where samples are not used, shape (samples,)."""
-    return hann(mask.size) if mask.all() else hann(mask.size) * mask
 
 
 def _hum_places(record: Record, frequency: float) -> FloatArray:
