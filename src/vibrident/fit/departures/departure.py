@@ -256,7 +256,7 @@ class Shape(Departure):
 
         ``share``: part of the noise at each bin that is in the motion, shape (R, K).
         """
-        power = share * group.noise_power() * np.abs(self.gain(group, scale)) ** 2
+        power = share * group.noise_power * np.abs(self.gain(group, scale)) ** 2
         return np.asarray(np.sqrt(2.0 * np.sum(power, axis=1) / group.samples))
 
     def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:

@@ -130,6 +130,7 @@ class WhitenedGroup:
             )
         )
 
+    @property
     def noise_power(self) -> FloatArray:
         """Return the mean square of a sample of the noise at each bin, shape (R, K)."""
         squares = self.gain**2

@@ -75,20 +75,22 @@ class _Stack(NamedTuple):
             out=np.zeros_like(self.predicted),
             where=self.gain > 0.0,
         )
-        input_noise = np.stack([member.spectrum.input_noise_at[bins_used] for member in signals])
         count = np.array([[float(member.used.sum())] for member in signals])
-        share = input_noise * power_of(self.transfer) / self.level
+        share = self._share([member.spectrum.input_noise_at[bins_used] for member in signals])
         return most_likely(self.predicted, noise, share, self.level * count) * self.counted
 
     def input_share(self, signals: Sequence[Signals], bins_used: slice) -> FloatArray:
         """Return the part of the noise that may be the reference's (95 %), 0 … 1, shape (R, K)."""
-        input_noise = np.stack(
-            [
-                (member.spectrum.input_noise_at + member.spectrum.doubt)[bins_used]
-                for member in signals
-            ]
-        )
-        return np.minimum(input_noise * power_of(self.transfer) / self.level, 1.0)
+        spectra = [member.spectrum for member in signals]
+        largest = [(spectrum.input_noise_at + spectrum.doubt)[bins_used] for spectrum in spectra]
+        return np.minimum(self._share(largest), 1.0)
+
+    def _share(self, input_noise: Sequence[FloatArray]) -> FloatArray:
+        """Return the part of the noise that noise of the reference makes, shape (R, K).
+
+        ``input_noise``: σx² of each record, shape (K,).
+        """
+        return np.stack(input_noise) * power_of(self.transfer) / self.level
 
 
 def group_of(

@@ -33,13 +33,13 @@ def with_hum(
         transfer: of the model, by frequency in Hz.
     """
     with_new = list(records)
-    requests = [
-        _request(number, record, series, transfer)
+    predicted_records = [
+        _with_prediction(number, record, series, transfer)
         for number, (record, series) in enumerate(zip(records, predicted, strict=True))
         if record.reference is not None
     ]
     shown: list[tuple[int, RecordTones]] = []
-    for bins in weighted_records(requests):
+    for bins in weighted_records(predicted_records):
         record = records[bins.record]
         line_hz = record.sampling_rate_hz / bins.samples
         # Less than a turn is the nuisance of a drift, and no hum.
@@ -54,7 +54,7 @@ def with_hum(
     return tuple(with_new)
 
 
-def _request(
+def _with_prediction(
     number: int, record: Record, predicted: FloatArray, transfer: Transfer
 ) -> PredictedRecord:
     """Return a record beside its prediction, or a sine beside the best one, in its band."""
@@ -63,5 +63,5 @@ def _request(
     turns = tone_frequency(record) / record.sampling_rate_hz
     if not np.any(np.isfinite(predicted)):
         predicted = response_sine(record)
-    bins = max(2 * MIN_BINS, int(BAND_OVER_HIGHEST * turns * record.samples) + 1)
-    return PredictedRecord(number, record, predicted, turns, transfer, bins)
+    most_bins = max(2 * MIN_BINS, int(BAND_OVER_HIGHEST * turns * record.samples) + 1)
+    return PredictedRecord(number, record, predicted, turns, transfer, most_bins)

@@ -55,10 +55,11 @@ def incoherent_component(rows: Residuals, log_through: FloatArray | None) -> Inc
     steep = np.zeros((1, 1))
     if log_through is not None:
         steep = np.maximum(log_through - level_around(log_through), 0.0)
+    steep = np.broadcast_to(steep, measured.shape)
 
-    def threshold(power: FloatArray, records: NDArray[np.int_] | None = None) -> FloatArray:
+    def threshold(power: FloatArray, records: slice | NDArray[np.int_]) -> FloatArray:
         level = level_around(log_power(power))
-        level += steep if records is None or len(steep) == 1 else steep[records]
+        level += steep[records]
         level += np.euler_gamma
         return np.exp(level, out=level)
 
@@ -76,7 +77,8 @@ def incoherent_component(rows: Residuals, log_through: FloatArray | None) -> Inc
             freedom *= rows.unfitted[records]
         return Incoherent(noise, power_of(noise), freedom)
 
-    level = threshold(power_of(rows.residual))
+    residual_power = power_of(rows.residual)
+    level = threshold(residual_power, slice(None))
     if rows.heard is not None:
         return projected(slice(None), rows.heard, level)
     heard = measured > HEARD_RATIO * level
@@ -84,7 +86,7 @@ def incoherent_component(rows: Residuals, log_through: FloatArray | None) -> Inc
     repeated = np.arange(len(heard))
     for _ in range(MAX_REPEATS):
         # Where no freedom remains, only rounding does: less than the ridge.
-        power = np.maximum(incoherent.power, RIDGE * power_of(rows.residual))[repeated]
+        power = np.maximum(incoherent.power[repeated], RIDGE * residual_power[repeated])
         level = threshold(power / np.maximum(incoherent.freedom[repeated], MIN_FREEDOM), repeated)
         heard_now = measured[repeated] > HEARD_RATIO * level
         holds_misfit = heard_now & ~heard[repeated] & (power > HEARD_RATIO * level)
